@@ -1,0 +1,1 @@
+"""What flows down the chart: frozen values with their checks, numpy only."""

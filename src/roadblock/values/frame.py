@@ -1,0 +1,121 @@
+"""What one moment brings: the image pair, raw and rectified, and the disparity map."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roadblock.errors import ValueRefusedError
+from roadblock.values.camera import Rectification
+from roadblock.values.checks import locked
+
+Image = NDArray[Any]
+"""(height, width) grey or (height, width, 3) RGB; uint8 or uint16."""
+
+
+def check_pair(left: Image, right: Image, what: str) -> tuple[Image, Image]:
+    """Return both images read-only if they are a pair: same shape and dtype, grey or RGB, 8 or 16 bit.
+
+    Raises
+    ------
+    ValueRefusedError
+        If they are not.
+    """
+    for side, image in (("left", left), ("right", right)):
+        if image.dtype not in (np.uint8, np.uint16):
+            raise ValueRefusedError(f"{what}: {side} image must be 8 or 16 bit, but got {image.dtype}")
+        if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3) or image.size == 0:
+            raise ValueRefusedError(f"{what}: {side} image must be grey or RGB, but has shape {image.shape}")
+    if left.shape != right.shape or left.dtype != right.dtype:
+        raise ValueRefusedError(
+            f"{what}: left image is {left.shape} {left.dtype}, right is {right.shape} {right.dtype}, "
+            "but both must be alike"
+        )
+    return locked(left), locked(right)
+
+
+@dataclass(frozen=True, eq=False)
+class StereoPair:
+    """Two images of one moment, as the cameras gave them.
+
+    Attributes
+    ----------
+    left, right
+        `Image`s of one shape and dtype, RGB where coloured.
+    index
+        Position in the source, from 0.
+    name
+        The source's own name of the frame ("000002").
+    t_ns
+        Moment of exposure of the left image, ns since the epoch (or since the start of a video); 0 for single
+        frames, whose moment is unknown.
+    """
+
+    left: Image
+    right: Image
+    index: int = 0
+    name: str = "0"
+    t_ns: int = 0
+
+    def __post_init__(self) -> None:
+        left, right = check_pair(self.left, self.right, f"frame {self.name}")
+        object.__setattr__(self, "left", left)
+        object.__setattr__(self, "right", right)
+
+
+@dataclass(frozen=True, eq=False)
+class RectifiedPair:
+    """A pair whose rows are epipolar lines. A type of its own, so that raw images cannot reach a matcher.
+
+    Attributes
+    ----------
+    left, right
+        Rectified `Image`s.
+    rectification
+        The twin cameras they belong to.
+    index, name, t_ns
+        As in `StereoPair`.
+    """
+
+    left: Image
+    right: Image
+    rectification: Rectification
+    index: int = 0
+    name: str = "0"
+    t_ns: int = 0
+
+    def __post_init__(self) -> None:
+        left, right = check_pair(self.left, self.right, f"frame {self.name}")
+        width, height = self.rectification.size_px
+        if left.shape[:2] != (height, width):
+            raise ValueRefusedError(
+                f"frame {self.name}: images are {left.shape[1]}x{left.shape[0]}, but the rig is for {width}x{height}"
+            )
+        object.__setattr__(self, "left", left)
+        object.__setattr__(self, "right", right)
+
+
+@dataclass(frozen=True, eq=False)
+class DisparityMap:
+    """Disparities of the rectified left image, on its pixels or on a grid of cells.
+
+    Attributes
+    ----------
+    d_px
+        (rows, columns) float32, `d = u_left - u_right >= 0` in full-resolution pixels; NaN where unknown.
+    sigma_px
+        One standard deviation of a single disparity, pixels.
+    cell_px
+        Width and height of the square cell one value stands for; 1 for a dense map. Cell (row, column) is centred
+        on pixel `(cell_px * column + (cell_px - 1) / 2, cell_px * row + (cell_px - 1) / 2)`.
+    """
+
+    d_px: NDArray[np.float32]
+    sigma_px: float
+    cell_px: int = 1
+
+    def __post_init__(self) -> None:
+        if self.d_px.ndim != 2 or self.d_px.dtype != np.float32:
+            raise ValueRefusedError(f"d_px must be a 2-D float32 array, but got {self.d_px.ndim}-D {self.d_px.dtype}")
+        object.__setattr__(self, "d_px", locked(self.d_px))

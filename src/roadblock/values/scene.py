@@ -1,0 +1,209 @@
+"""What a step finds: the ground, the free space, the obstacles, and the result of the frame."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roadblock.values.checks import FloatArray, finite, locked, positive
+
+HEALTH_STATES = ("ok", "degraded", "failed")
+
+
+@dataclass(frozen=True, eq=False)
+class GroundPlane:
+    """The road as a plane in the car frame (x right, y down, z forward), with a bend ahead.
+
+    Attributes
+    ----------
+    normal
+        (3,) unit normal, pointing up (its y is negative).
+    height_m
+        Distance of the car frame's origin above the plane, metres, at right angles to the road.
+    bend_per_m
+        Curvature q of the road's profile: ahead it rises by `q * z^2` over the plane; 0 for a flat road.
+    inlier_share
+        Share of the candidate points that lie on it, 0..1.
+    range_m
+        How far ahead it was seen.
+    """
+
+    normal: FloatArray
+    height_m: float
+    bend_per_m: float = 0.0
+    inlier_share: float = 1.0
+    range_m: float = float("inf")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "normal", finite("normal", self.normal, (3,)))
+        object.__setattr__(self, "height_m", positive("height_m", self.height_m))
+
+    @property
+    def pitch_rad(self) -> float:
+        """How far the cameras look down on the road, radians (> 0 = down)."""
+        return float(np.arctan2(-self.normal[2], -self.normal[1]))
+
+    @property
+    def roll_rad(self) -> float:
+        """How far the rig's left side is up, radians (> 0 = left up)."""
+        return float(np.arctan2(-self.normal[0], -self.normal[1]))
+
+    def height_of(self, points: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Height of car-frame points (..., 3) above the road, metres; NaN where a point is NaN."""
+        z = points[..., 2]
+        return points @ self.normal + self.height_m - self.bend_per_m * z * z
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSpace:
+    """How far the road is free, per image column.
+
+    Attributes
+    ----------
+    u_px
+        (n,) column centres in the rectified left image.
+    range_m
+        (n,) forward distance to the first thing standing on the road; NaN where nothing of the road or of an
+        obstacle was observed: unobserved is never free.
+    """
+
+    u_px: FloatArray
+    range_m: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "u_px", locked(np.asarray(self.u_px, float)))
+        object.__setattr__(self, "range_m", locked(np.asarray(self.range_m, float)))
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """One thing standing on the road, as the detector sees it in the rectified left image.
+
+    Attributes
+    ----------
+    box_px
+        (u0, v0, u1, v1), half open.
+    contour_px
+        (n, 2) outline, pixels, closed (the first point is not repeated).
+    uvd_px
+        (3,) column and row of its centre and the disparity of its nearest visible face.
+    cov_uvd_px2
+        (3, 3) their covariance, pixels squared.
+    foot_v_px
+        Row of the lowest point.
+    depth_m
+        Visible extent in the forward direction, metres; NaN where one face alone is seen.
+    color_rgb
+        (3,) mean colour 0..255, NaN for grey cameras.
+    """
+
+    box_px: tuple[int, int, int, int]
+    contour_px: NDArray[np.int32]
+    uvd_px: FloatArray
+    cov_uvd_px2: FloatArray
+    foot_v_px: float
+    depth_m: float
+    color_rgb: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """What a detector returns for one pair.
+
+    Attributes
+    ----------
+    regions
+        Nearest first.
+    ground
+        None where no road was found.
+    free_space
+        Per column.
+    timings_ms
+        Milliseconds per inner stage.
+    """
+
+    regions: tuple[Region, ...]
+    ground: GroundPlane | None
+    free_space: FreeSpace
+    timings_ms: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """One thing standing on the road, measured.
+
+    Attributes
+    ----------
+    position_m
+        (3,) foot point of the nearest visible face in the vehicle frame (x forward, y left, z up), metres.
+    range_m
+        Forward distance from the point halfway between the cameras to the nearest visible face (10th percentile over
+        the visible surface), metres.
+    range_sigma_m
+        Its standard deviation, metres.
+    size_m
+        (3,) width, height, length, metres; length NaN where it is not visible.
+    uvd_px, cov_uvd_px2
+        The measurement and its covariance, pixels.
+    cov_match_m2
+        (3, 3) covariance of `position_m` from matching noise: independent from frame to frame.
+    box_px, contour_px
+        As in `Region`.
+    color
+        Name of its mean colour, None for grey cameras.
+    label, probability
+        Class and its probability; "unknown" and NaN until recognised.
+    """
+
+    position_m: FloatArray
+    range_m: float
+    range_sigma_m: float
+    size_m: FloatArray
+    uvd_px: FloatArray
+    cov_uvd_px2: FloatArray
+    cov_match_m2: FloatArray
+    box_px: tuple[int, int, int, int]
+    contour_px: NDArray[np.int32]
+    color: str | None = None
+    label: str = "unknown"
+    probability: float = float("nan")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position_m", finite("position_m", self.position_m, (3,)))
+        object.__setattr__(self, "range_m", positive("range_m", self.range_m))
+
+
+@dataclass(frozen=True)
+class Health:
+    """Whether this frame's result can be trusted: a state of `HEALTH_STATES` and the reasons in words."""
+
+    state: str = "ok"
+    reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class FrameResult:
+    """Everything one step produced.
+
+    Attributes
+    ----------
+    index, name, t_ns
+        As in `StereoPair`.
+    obstacles
+        Nearest first.
+    free_space, ground
+        As in `Detections`; ground None where no road was found.
+    health
+        The verdict.
+    timings_ms
+        Milliseconds per stage, and their `total`.
+    """
+
+    index: int
+    name: str
+    t_ns: int
+    obstacles: tuple[Obstacle, ...]
+    free_space: FreeSpace
+    ground: GroundPlane | None
+    health: Health
+    timings_ms: dict[str, float]
