@@ -189,7 +189,7 @@ def _distort_jacobian(camera: Camera, plane: FloatArray) -> FloatArray:
 
 
 def _undistort(camera: Camera, m: FloatArray) -> FloatArray:
-    """Invert `_distort` by Newton's method from the image's own position; NaN where it finds no root inside the fold."""
+    """Invert `_distort` by Newton's method; NaN where it finds no root inside the fold."""
     if camera.lens == "pinhole":
         return m
     reach = fold_radius(camera)
