@@ -6,6 +6,7 @@ the step from the physical image to pixels (eqs. 1-2).
 
 import numpy as np
 from numpy.polynomial import Polynomial
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike
 
 from roadblock.values.camera import Camera, Lens
@@ -52,16 +53,16 @@ def project(camera: Camera, points: ArrayLike) -> FloatArray:
 
     Returns
     -------
-    (..., 2) pixels, not clipped to the image; NaN behind the camera, beyond the fold of a Brown-Conrady lens, or
-    where the point is NaN.
+    (..., 2) pixels, not clipped to the image; NaN behind the camera (for Kannala-Brandt straight behind), from the
+    fold of the lens on (see `fold_radius`), or where the point is NaN or infinitely far aside.
     """
-    points = np.asarray(points, float)
-    m = _distort(camera, _plane_from_point(camera, points))
-    return m * (camera.fx_px, camera.fy_px) + (camera.cx_px, camera.cy_px)
+    with np.errstate(all="ignore"):
+        plane = _inside(_plane_from_point(camera, np.asarray(points, float)), fold_radius(camera))
+        return _distort(camera, plane) * (camera.fx_px, camera.fy_px) + (camera.cx_px, camera.cy_px)
 
 
 def unproject(camera: Camera, pixels: ArrayLike) -> FloatArray:
-    """Return the ray behind each pixel, the inverse of `project` to 1e-9 px.
+    """Return the ray behind each pixel, the inverse of `project` to 1e-9 px (eqs. 1-2, lens and eq. 4 inverted).
 
     Parameters
     ----------
@@ -72,37 +73,61 @@ def unproject(camera: Camera, pixels: ArrayLike) -> FloatArray:
 
     Returns
     -------
-    (..., 3) unit vectors in the camera frame; NaN where no ray of the lens reaches that pixel.
+    (..., 3) unit vectors in the camera frame; NaN where no ray inside the fold of the lens reaches that pixel.
     """
-    pixels = np.asarray(pixels, float)
-    m = (pixels - (camera.cx_px, camera.cy_px)) / (camera.fx_px, camera.fy_px)
-    return _ray_from_plane(camera, _undistort(camera, m))
+    with np.errstate(all="ignore"):
+        m = (np.asarray(pixels, float) - (camera.cx_px, camera.cy_px)) / (camera.fx_px, camera.fy_px)
+        return _ray_from_plane(camera, _undistort(camera, m))
 
 
 def project_jacobian(camera: Camera, points: ArrayLike) -> FloatArray:
     """Return d(u, v) / d(x, y, z) of `project`, (..., 2, 3) in px/m; NaN where `project` is."""
     points = np.asarray(points, float)
-    x, y, z = np.moveaxis(points, -1, 0)
-    plane = _plane_from_point(camera, points)
-    zero = np.zeros_like(z)
-    if camera.lens == "kannala_brandt":
-        J_plane = _angle_jacobian(x, y, z)
-    else:
-        J_plane = _matrix([[1 / z, zero, -x / z**2], [zero, 1 / z, -y / z**2]])
-    focal = np.array([[camera.fx_px], [camera.fy_px]])
-    return np.asarray(focal * (_distort_jacobian(camera, plane) @ J_plane))
+    with np.errstate(all="ignore"):
+        plane = _inside(_plane_from_point(camera, points), fold_radius(camera))
+        a, b, c = _distort_slopes(camera, plane)
+        focal = np.array([[camera.fx_px], [camera.fy_px]])
+        return np.asarray(focal * (_matrix([[a, b], [b, c]]) @ _plane_jacobian(camera, points, plane)))
+
+
+def fold_radius(camera: Camera) -> float:
+    """Return the radius on the lens's plane up to which different points have different pixels; infinity if all have.
+
+    Beyond it a distortion polynomial folds back and would put things from outside the view into the image. In units
+    of x/z, for Kannala-Brandt radians (at most pi).
+
+    All three lenses are gradients of a potential, so they are one to one on a disc where their Jacobian is positive
+    definite. With g the radial curve and |p| the size of the tangential terms, that holds in every direction while
+    `g'(r) > 6 |p| r` and `g(r) / r > 10/3 |p| r`.
+    """
+    reach = np.pi if camera.lens == "kannala_brandt" else np.inf
+    if camera.lens == "pinhole":
+        return float(reach)
+    num, den = _radial(camera.lens, camera.distortion)
+    tilt = float(np.hypot(*camera.distortion[2:4])) if camera.lens == "brown_conrady" else 0.0
+    r = Polynomial([0.0, 1.0])
+    N, D = num(r * r), den(r * r)
+    climbs = N * D + r * (N.deriv() * D - N * D.deriv()) - 6 * tilt * r * D * D
+    return float(min(reach, *map(_turns_negative, (climbs, N - 10 / 3 * tilt * r * D, D))))
+
+
+def _turns_negative(p: Polynomial) -> float:
+    """Return the first r > 0 from which a polynomial with p(0) = 1 is negative; infinity if there is none."""
+    # The roots are taken in 1/r: there the leading coefficient is 1, however small the last ones are.
+    inverse = Polynomial(p.trim().coef[::-1]).roots()
+    with np.errstate(all="ignore"):
+        r = 1 / inverse.real[(np.abs(inverse.imag) <= 1e-9 * np.abs(inverse)) & (inverse.real > 0)]
+        return float(min(r[p(r * (1 + 1e-7)) < 0], default=np.inf))
 
 
 def _plane_from_point(camera: Camera, points: FloatArray) -> FloatArray:
     """Map points to the lens's own plane: x/z, y/z (eq. 4); for Kannala-Brandt theta times the direction."""
     x, y, z = np.moveaxis(points, -1, 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        if camera.lens == "kannala_brandt":
-            r = np.hypot(x, y)
-            scale = np.where(r > 0, np.arctan2(r, z) / np.where(r > 0, r, 1), 1 / np.where(z > 0, z, np.nan))
-        else:
-            scale = np.where(z > 0, 1 / z, np.nan)
-        return np.stack([x * scale, y * scale], -1)
+    scale = 1 / np.where(z > 0, z, np.nan)
+    if camera.lens == "kannala_brandt":
+        r = np.hypot(x, y)
+        scale = np.where(r > 0, np.arctan2(r, z) / r, scale)
+    return np.stack([x * scale, y * scale], -1)
 
 
 def _ray_from_plane(camera: Camera, plane: FloatArray) -> FloatArray:
@@ -111,21 +136,20 @@ def _ray_from_plane(camera: Camera, plane: FloatArray) -> FloatArray:
         theta = np.hypot(x, y)
         s = np.sinc(theta / np.pi)
         return np.stack([x * s, y * s, np.cos(theta)], -1)
-    ray = np.stack([x, y, np.ones_like(x)], -1)
-    return np.asarray(ray / np.linalg.norm(ray, axis=-1, keepdims=True))
+    length = np.hypot(np.hypot(x, y), 1)
+    return np.stack([x / length, y / length, 1 / length], -1)
 
 
-def _angle_jacobian(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-    """d(theta x/r, theta y/r) / d(x, y, z); on the axis it is 1/z."""
-    r2, n2 = x * x + y * y, x * x + y * y + z * z
-    r = np.sqrt(r2)
-    on_axis = r < 1e-9 * np.abs(z)
-    safe = np.where(on_axis, 1.0, r)
-    theta = np.arctan2(r, z)
-    a = np.where(on_axis, 1 / z, theta / safe)
-    b = np.where(on_axis, 0.0, (z / n2 - theta / safe) / safe**2)
-    c = -1 / n2
-    return _matrix([[a + b * x * x, b * x * y, c * x], [b * x * y, a + b * y * y, c * y]])
+def _plane_jacobian(camera: Camera, points: FloatArray, plane: FloatArray) -> FloatArray:
+    """Derive `_plane_from_point`, (..., 2, 3); NaN where the plane is."""
+    x, y, z = np.moveaxis(points + 0 * plane[..., :1], -1, 0)
+    if camera.lens != "kannala_brandt":
+        return _matrix([[1 / z, 0 * z, -x / z / z], [0 * z, 1 / z, -y / z / z]])
+    r, n2 = np.hypot(x, y), x * x + y * y + z * z
+    on_axis = r < 1e-9 * z
+    a = np.where(on_axis, 1 / z, np.arctan2(r, z) / r)
+    b = np.where(on_axis, 0.0, (z / n2 - a) / r / r)
+    return _matrix([[a + b * x * x, b * x * y, -x / n2], [b * x * y, a + b * y * y, -y / n2]])
 
 
 def _matrix(rows: list[list[FloatArray]]) -> FloatArray:
@@ -140,87 +164,73 @@ def _radial(lens: Lens, k: FloatArray) -> tuple[Polynomial, Polynomial]:
     return Polynomial([1.0, k1, k2, k3]), Polynomial([1.0, k4, k5, k6])
 
 
-def fold_radius(camera: Camera) -> float:
-    """Return the radius on the lens's plane where its radial curve stops growing (infinity if it never does).
-
-    Beyond it a distortion polynomial folds back and would put things from outside the view into the image. In units
-    of x/z, for Kannala-Brandt radians.
-    """
-    reach = np.pi if camera.lens == "kannala_brandt" else np.inf
-    if camera.lens == "pinhole":
-        return float(reach)
-    num, den = _radial(camera.lens, camera.distortion)
-    s = Polynomial([0.0, 1.0])
-    slope = num * den + 2 * s * (num.deriv() * den - num * den.deriv())
-    roots = np.r_[slope.trim(1e-300).roots(), den.trim(1e-300).roots()]
-    folds = roots[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)].real
-    return float(min([reach, *np.sqrt(folds)]))
-
-
 def _distort(camera: Camera, plane: FloatArray) -> FloatArray:
+    """Bend the lens's plane; meant for points inside the fold."""
     if camera.lens == "pinhole":
         return plane
     x, y = np.moveaxis(plane, -1, 0)
     r2 = x * x + y * y
     num, den = _radial(camera.lens, camera.distortion)
-    factor = np.where(np.sqrt(r2) < fold_radius(camera), num(r2) / den(r2), np.nan)
-    out = plane * factor[..., None]
-    if camera.lens == "brown_conrady":
-        p1, p2 = camera.distortion[2:4]
-        out = out + np.stack([2 * p1 * x * y + p2 * (r2 + 2 * x * x), p1 * (r2 + 2 * y * y) + 2 * p2 * x * y], -1)
-    return np.asarray(out)
+    f = polyval(r2, num.coef) / polyval(r2, den.coef)
+    p1, p2 = camera.distortion[2:4] if camera.lens == "brown_conrady" else (0.0, 0.0)
+    along = f + 2 * (p1 * y + p2 * x)
+    return np.stack([x * along + p2 * r2, y * along + p1 * r2], -1)
 
 
-def _distort_jacobian(camera: Camera, plane: FloatArray) -> FloatArray:
+def _distort_slopes(camera: Camera, plane: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the three different entries a, b, c of the Jacobian [[a, b], [b, c]] of `_distort`."""
     x, y = np.moveaxis(plane, -1, 0)
     if camera.lens == "pinhole":
-        return np.broadcast_to(np.eye(2), (*x.shape, 2, 2))
+        return np.ones_like(x), np.zeros_like(x), np.ones_like(x)
     r2 = x * x + y * y
     num, den = _radial(camera.lens, camera.distortion)
-    inside = np.sqrt(r2) < fold_radius(camera)
-    f = np.where(inside, num(r2) / den(r2), np.nan)
-    df = 2 * (num.deriv()(r2) * den(r2) - num(r2) * den.deriv()(r2)) / den(r2) ** 2
-    J = _matrix([[f + df * x * x, df * x * y], [df * x * y, f + df * y * y]])
-    if camera.lens == "brown_conrady":
-        p1, p2 = camera.distortion[2:4]
-        cross = 2 * p1 * x + 2 * p2 * y
-        J = J + _matrix([[2 * p1 * y + 6 * p2 * x, cross], [cross, 6 * p1 * y + 2 * p2 * x]])
-    return J
+    below = polyval(r2, den.coef)
+    f = polyval(r2, num.coef) / below
+    df = 2 * (polyval(r2, num.deriv().coef) - f * polyval(r2, den.deriv().coef)) / below
+    p1, p2 = camera.distortion[2:4] if camera.lens == "brown_conrady" else (0.0, 0.0)
+    a = f + df * x * x + 2 * p1 * y + 6 * p2 * x
+    c = f + df * y * y + 6 * p1 * y + 2 * p2 * x
+    return a, df * x * y + 2 * (p1 * x + p2 * y), c
 
 
 def _undistort(camera: Camera, m: FloatArray) -> FloatArray:
     """Invert `_distort` by Newton's method; NaN where it finds no root inside the fold."""
     if camera.lens == "pinhole":
-        return m
+        return _inside(m, np.inf)
     reach = fold_radius(camera)
-    plane = _start(camera, m, reach)
-    residual = np.full(m.shape, np.inf)
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        for _ in range(ITERATIONS):
-            residual = _distort(camera, plane) - m
-            J = _distort_jacobian(camera, plane)
-            det = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
-            adjugate = _matrix([[J[..., 1, 1], -J[..., 0, 1]], [-J[..., 1, 0], J[..., 0, 0]]])
-            plane = _pull_inside(plane - (adjugate @ residual[..., None])[..., 0] / det[..., None], reach)
-            if not (np.abs(residual) > 1e-15).any():
-                break
-        error = np.abs(_distort(camera, plane) - m).max(-1)
-    return np.asarray(np.where((error < 1e-12 * (1 + np.abs(m).max(-1)))[..., None], plane, np.nan))
+    goal = m.reshape(-1, 2)
+    plane = _start(camera, goal, reach)
+    size = 1 + np.abs(goal).max(-1, initial=0.0)
+    todo = np.arange(len(goal))
+    for _ in range(ITERATIONS):
+        here = plane[todo]
+        du, dv = np.moveaxis(_distort(camera, here) - goal[todo], -1, 0)
+        a, b, c = _distort_slopes(camera, here)
+        step = np.stack([c * du - b * dv, a * dv - b * du], -1) / (a * c - b * b)[:, None]
+        plane[todo] = _pull_inside(here - step, reach)
+        todo = todo[np.maximum(np.abs(du), np.abs(dv)) > 1e-14 * size[todo]]
+        if not todo.size:
+            break
+    error = np.abs(_distort(camera, plane) - goal).max(-1, initial=0.0)
+    return np.where((error < 1e-13 * size)[:, None], plane, np.nan).reshape(m.shape)
 
 
-def _start(camera: Camera, m: FloatArray, reach: float) -> FloatArray:
+def _start(camera: Camera, goal: FloatArray, reach: float) -> FloatArray:
     """Start Newton on the radial curve alone, looked up in a table: it is monotonic inside the fold."""
     num, den = _radial(camera.lens, camera.distortion)
-    length = np.linalg.norm(m, axis=-1)
-    limit = reach if np.isfinite(reach) else 4 * (1 + float(np.nanmax(length, initial=0.0)))
-    r = np.linspace(0, limit * (1 - 1e-9), 512)
+    length = np.hypot(goal[:, 0], goal[:, 1])
+    t = np.linspace(0, 1 - 1e-9, 1024)
+    r = reach * t if np.isfinite(reach) else t / (1.001 - t)
     curve = r * num(r * r) / den(r * r)
     rising = np.maximum.accumulate(np.where(np.isfinite(curve), curve, 0.0))
     found = np.interp(length, rising, r)
-    return np.asarray(m * (found / np.where(length > 0, length, 1.0))[..., None])
+    return goal * (found / np.where(length > 0, length, 1.0))[:, None]
+
+
+def _inside(plane: FloatArray, reach: float) -> FloatArray:
+    return np.where((np.hypot(plane[..., 0], plane[..., 1]) < reach)[..., None], plane, np.nan)
 
 
 def _pull_inside(plane: FloatArray, reach: float) -> FloatArray:
-    length = np.linalg.norm(plane, axis=-1, keepdims=True)
-    limit = reach * (1 - 1e-9) if np.isfinite(reach) else np.inf
-    return np.where(length > limit, plane * (limit / length), plane)
+    length = np.hypot(plane[:, 0], plane[:, 1])[:, None]
+    return np.where(length < reach, plane, plane * (reach * (1 - 1e-9) / length))

@@ -19,7 +19,7 @@ def right_from_left(rig: StereoRig, points_left: ArrayLike) -> FloatArray:
 
 
 def car_from_cameras(points_left: ArrayLike, points_right: ArrayLike) -> FloatArray:
-    """Return the car-frame coordinates of points given in both rectified camera frames, metres (eq. 8).
+    """Return car-frame coordinates (..., 3) of points given in both rectified camera frames, metres (eq. 8).
 
     The mean of both coordinates is the frame halfway between the cameras only where these are parallel: 0.5 deg of
     vergence would cost 0.09 m at 20 m. So it is meant for *rectified* coordinates.
@@ -31,7 +31,7 @@ def rectifying_rotations(T_left_right: FloatArray) -> tuple[FloatArray, FloatArr
     """Return `R_rect_left`, `R_rect_right` (3x3): both cameras turned to look alike, rows along the baseline.
 
     Each camera takes half of their relative rotation, then both turn by the smallest angle that lays the baseline
-    on the x axis.
+    on the x axis. The rectified right camera sits `(baseline, 0, 0)` from the left one: disparities are positive.
     """
     half = rotation_from_rotvec(rotvec_from_rotation(T_left_right[:3, :3]) / 2)
     along = half.T @ T_left_right[:3, 3]
@@ -60,34 +60,34 @@ def triangulate(rectification: Rectification, uvd: ArrayLike) -> FloatArray:
     """
     u, v, d = np.moveaxis(np.asarray(uvd, float), -1, 0)
     r = rectification
-    with np.errstate(divide="ignore", invalid="ignore"):
-        z = np.where(d > 0, r.f_px * r.baseline_m / d, np.nan)
-    left = np.stack([(u - r.cx_px) * z / r.f_px, (v - r.cy_px) * z / r.f_px, z], -1)
-    return car_from_cameras(left, left - (r.baseline_m, 0.0, 0.0))
+    with np.errstate(all="ignore"):
+        z = r.f_px * r.baseline_m / np.where(d > 0, d, np.nan)
+        left = np.stack([(u - r.cx_px) * z / r.f_px, (v - r.cy_px) * z / r.f_px, z], -1)
+        return car_from_cameras(left, left - (r.baseline_m, 0.0, 0.0))
 
 
 def triangulate_jacobian(rectification: Rectification, uvd: ArrayLike) -> FloatArray:
     """Return d(x, y, z) / d(u, v, d) of `triangulate`, (..., 3, 3) in m/px; NaN where it is."""
     u, v, d = np.moveaxis(np.asarray(uvd, float), -1, 0)
     r = rectification
-    with np.errstate(divide="ignore", invalid="ignore"):
-        z = np.where(d > 0, r.f_px * r.baseline_m / d, np.nan)
-        scale, zero = z / r.f_px, np.zeros_like(z)
-        columns = [
+    with np.errstate(all="ignore"):
+        scale = r.baseline_m / np.where(d > 0, d, np.nan)
+        zero = 0 * scale
+        rows = [
             [scale, zero, -(u - r.cx_px) * scale / d],
             [zero, scale, -(v - r.cy_px) * scale / d],
-            [zero, zero, -z / d],
+            [zero, zero, -r.f_px * scale / d],
         ]
-    return np.stack([np.stack(row, -1) for row in columns], -2)
+        return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
 def image_from_car(rectification: Rectification, points: ArrayLike) -> FloatArray:
     """Return (..., 3) column, row, disparity of car-frame points, pixels: the inverse of `triangulate`.
 
-    NaN where a point is not in front of the cameras.
+    By eqs. 8 and 4; all three are NaN where z is not positive or NaN, and each where its own coordinate is.
     """
     x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
     r = rectification
-    with np.errstate(divide="ignore", invalid="ignore"):
-        scale = np.where(z > 0, r.f_px / z, np.nan)
-    return np.stack([(x + r.baseline_m / 2) * scale + r.cx_px, y * scale + r.cy_px, r.baseline_m * scale], -1)
+    with np.errstate(all="ignore"):
+        scale = r.f_px / np.where(z > 0, z, np.nan)
+        return np.stack([(x + r.baseline_m / 2) * scale + r.cx_px, y * scale + r.cy_px, r.baseline_m * scale], -1)

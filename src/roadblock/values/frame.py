@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from roadblock.errors import ValueRefusedError
 from roadblock.values.camera import Rectification
-from roadblock.values.checks import locked
+from roadblock.values.checks import FloatArray, locked
 
 Image = NDArray[Any]
 """(height, width) grey or (height, width, 3) RGB; uint8 or uint16."""
@@ -119,3 +119,11 @@ class DisparityMap:
         if self.d_px.ndim != 2 or self.d_px.dtype != np.float32:
             raise ValueRefusedError(f"d_px must be a 2-D float32 array, but got {self.d_px.ndim}-D {self.d_px.dtype}")
         object.__setattr__(self, "d_px", locked(self.d_px))
+
+    @property
+    def uvd_px(self) -> FloatArray:
+        """(rows, columns, 3) column and row of each cell's centre and its disparity, pixels; NaN where unknown."""
+        rows, columns = self.d_px.shape
+        middle = (self.cell_px - 1) / 2
+        u, v = np.meshgrid(np.arange(columns) * self.cell_px + middle, np.arange(rows) * self.cell_px + middle)
+        return np.stack([u, v, self.d_px], -1)

@@ -48,10 +48,16 @@ class GroundPlane:
         """How far the rig's left side is up, radians (> 0 = left up)."""
         return float(np.arctan2(-self.normal[0], -self.normal[1]))
 
-    def height_of(self, points: NDArray[np.floating]) -> NDArray[np.floating]:
+    def height_of(self, points: FloatArray) -> FloatArray:
         """Height of car-frame points (..., 3) above the road, metres; NaN where a point is NaN."""
         z = points[..., 2]
-        return points @ self.normal + self.height_m - self.bend_per_m * z * z
+        return np.asarray(points @ self.normal + self.height_m - self.bend_per_m * z * z)
+
+    def point_below(self, x_m: float, z_m: float) -> FloatArray:
+        """Return the car-frame point (3,) of the road at `x_m` to the right and `z_m` ahead."""
+        n_x, n_y, n_z = self.normal
+        y = (n_x * x_m + n_z * z_m + self.height_m - self.bend_per_m * z_m**2) / -n_y
+        return np.array([x_m, y, z_m])
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,28 +88,27 @@ class Region:
     Attributes
     ----------
     box_px
-        (u0, v0, u1, v1), half open.
+        (u0, v0, u1, v1), half open, down to the road.
     contour_px
         (n, 2) outline, pixels, closed (the first point is not repeated).
-    uvd_px
-        (3,) column and row of its centre and the disparity of its nearest visible face.
-    cov_uvd_px2
-        (3, 3) their covariance, pixels squared.
-    foot_v_px
-        Row of the lowest point.
-    depth_m
-        Visible extent in the forward direction, metres; NaN where one face alone is seen.
+    surface_uvd_px
+        (m, 3) its visible surface: column, row and disparity of each cell.
+    sigma_d_px
+        One standard deviation of the disparity of the whole region, pixels.
     color_rgb
-        (3,) mean colour 0..255, NaN for grey cameras.
+        (3,) mean colour 0..255; NaN for grey cameras.
     """
 
     box_px: tuple[int, int, int, int]
     contour_px: NDArray[np.int32]
-    uvd_px: FloatArray
-    cov_uvd_px2: FloatArray
-    foot_v_px: float
-    depth_m: float
+    surface_uvd_px: FloatArray
+    sigma_d_px: float
     color_rgb: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("contour_px", "surface_uvd_px", "color_rgb"):
+            object.__setattr__(self, name, locked(getattr(self, name)))
+        object.__setattr__(self, "sigma_d_px", positive("sigma_d_px", self.sigma_d_px))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,11 +118,13 @@ class Detections:
     Attributes
     ----------
     regions
-        Nearest first.
+        In no particular order.
     ground
         None where no road was found.
     free_space
         Per column.
+    matched_share
+        Share of the image whose disparity is known, 0..1; NaN for a detector that does not match.
     timings_ms
         Milliseconds per inner stage.
     """
@@ -125,6 +132,7 @@ class Detections:
     regions: tuple[Region, ...]
     ground: GroundPlane | None
     free_space: FreeSpace
+    matched_share: float = float("nan")
     timings_ms: dict[str, float] = field(default_factory=dict)
 
 

@@ -1,0 +1,174 @@
+"""`roadblock detect`: a recording in; obstacles as a table, JSON lines and pictures out."""
+
+from collections import Counter
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+import yaml
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from roadblock.cli.rig import FormatOption, SizeOption, UnitOption, open_rig
+from roadblock.cli.terminal import err, frames, note, say, show_nearest, summarize
+from roadblock.config import Settings, load_settings
+from roadblock.errors import MissingExtraError, RoadblockError
+from roadblock.io.results import OVERLAY, RESULTS, RUN, VIDEO, JsonlSink, prepare_folder, run_record, write_run
+from roadblock.io.rig.native import write_native
+from roadblock.io.sources import StereoSource, open_source
+from roadblock.pipeline import Pipeline
+from roadblock.values.camera import StereoRig
+from roadblock.values.scene import FrameResult, Obstacle
+from roadblock.viz.sinks import OverlaySink, PictureSink, VideoSink
+
+
+@dataclass
+class Tally:
+    """What a run has seen so far."""
+
+    frames: int = 0
+    interrupted: bool = False
+    nearest: list[tuple[str, Obstacle]] = field(default_factory=list)
+    troubles: Counter[str] = field(default_factory=Counter)
+
+    def add(self, result: FrameResult, is_sequence: bool) -> None:
+        """Count one frame; of a sequence only the last frame's obstacles are kept."""
+        self.frames += 1
+        if is_sequence:
+            self.nearest.clear()
+        self.nearest += [(result.name, obstacle) for obstacle in result.obstacles]
+        self.troubles.update(reason.partition("(")[0].strip() for reason in result.health.reasons)
+
+
+def detect(
+    source: Annotated[str, typer.Argument(help="Folder, video, list of pairs, or LEFT,RIGHT for two videos.")],
+    rig: Annotated[Path | None, typer.Option(help="Rig file, instead of what the recording brings.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for obstacles.jsonl, run.json and overlays.")] = None,
+    detector: Annotated[str | None, typer.Option(help="Name of the detector.")] = None,
+    assignments: Annotated[
+        list[str] | None, typer.Option("--set", help="One setting, as stage.key=value; may be repeated.")
+    ] = None,
+    settings: Annotated[Path | None, typer.Option(help="TOML file of settings.")] = None,
+    overlay: Annotated[bool, typer.Option("--overlay", help="Draw pictures, or a video of a sequence.")] = False,
+    kind: Annotated[str | None, typer.Option(help="Kind of recording, where several fit.")] = None,
+    gray: Annotated[bool, typer.Option("--gray", help="Use colour images as grey ones.")] = False,
+    unit: UnitOption = "m",
+    size: SizeOption = None,
+    rig_format: FormatOption = None,
+) -> None:
+    """Find every obstacle in a recording."""
+    if overlay and out is None:
+        raise typer.BadParameter("--overlay needs a folder to draw into: add --out DIR")
+    chosen = [f"detector={detector}"] if detector else []
+    resolved = load_settings(settings, [*chosen, *(assignments or [])])
+    cameras = None if rig is None else open_rig(rig, rig_format, unit, size)
+    opened = open_source(source, rig=cameras, kind=kind, gray=gray)
+    tally = run(opened, source, resolved, out, overlay)
+    report(opened, tally, out)
+    if tally.interrupted:
+        raise KeyboardInterrupt
+
+
+def run(source: StereoSource, spec: str, settings: Settings, out: Path | None, overlay: bool) -> Tally:
+    """Run the pipeline over a source and write what it finds to `out`.
+
+    Interrupting ends the run early; what is written stays whole.
+    """
+    tally, started = Tally(), datetime.now(UTC)
+    pipelines = {id(rig): Pipeline(rig, settings) for rig in dict.fromkeys(source.rigs or (source.rig,))}
+    with ExitStack() as stack:
+        results = None if out is None else stack.enter_context(JsonlSink(prepare_folder(out) / RESULTS))
+        pictures = _overlay_sink(source, out, stack) if out is not None and overlay else None
+        progress = stack.enter_context(_progress())
+        task = progress.add_task("detecting", total=source.length, found="")
+        try:
+            for pair in source:
+                rig = source.rigs[pair.index] if source.rigs else source.rig
+                pipeline = pipelines[id(rig)]
+                result, rectified = pipeline.step(pair)
+                if results is not None:
+                    results.write(result)
+                if pictures is not None:
+                    pictures.write(rectified.left, result, pipeline.rectification)
+                tally.add(result, source.is_sequence)
+                progress.update(task, advance=1, found=summarize(result))
+        except KeyboardInterrupt:
+            tally.interrupted = True
+        finally:
+            if out is not None:
+                write_run(out / RUN, _record(source, spec, settings, pipelines, started, tally))
+    return tally
+
+
+def report(source: StereoSource, tally: Tally, out: Path | None) -> None:
+    """Print what was found, what was wrong, and where the files are."""
+    if tally.nearest:
+        where = "in the last frame" if source.is_sequence else f"in {frames(tally.frames)}"
+        show_nearest(f"{source.name}: the nearest obstacles {where}", tally.nearest)
+    else:
+        say(f"{source.name}: no obstacles in {frames(tally.frames)}")
+    for reason, count in tally.troubles.most_common():
+        note(f"{reason} ({count} of {frames(tally.frames)})")
+    for warning in source.warnings:
+        note(warning)
+    if tally.interrupted:
+        note(f"interrupted after {frames(tally.frames)}; what was written is whole")
+    if out is not None:
+        say(f"results: {out}")
+
+
+def _overlay_sink(source: StereoSource, out: Path, stack: ExitStack) -> OverlaySink:
+    """Open a video for a sequence, pictures for single frames and where the video library is missing."""
+    if source.is_sequence:
+        try:
+            return stack.enter_context(VideoSink(out / VIDEO))
+        except MissingExtraError as error:
+            note(f"{error} - drawing pictures instead")
+    return stack.enter_context(PictureSink(out / OVERLAY))
+
+
+def _progress() -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[found]}"),
+        console=err,
+        transient=True,
+    )
+
+
+def _record(
+    source: StereoSource,
+    spec: str,
+    settings: Settings,
+    pipelines: dict[int, Pipeline],
+    started: datetime,
+    tally: Tally,
+) -> dict[str, Any]:
+    rigs = [rig_record(pipeline.rig) for pipeline in pipelines.values()]
+    return run_record(
+        source={
+            "name": source.name,
+            "path": spec,
+            "frames": source.length,
+            "is_sequence": source.is_sequence,
+            "warnings": source.warnings,
+        },
+        settings=settings.model_dump(mode="json"),
+        rig=rigs[0] if len(rigs) == 1 else {"rigs": rigs},
+        started=started,
+        frames=tally.frames,
+        interrupted=tally.interrupted,
+    )
+
+
+def rig_record(rig: StereoRig) -> dict[str, Any]:
+    """Return a rig as the plain values of its `rig.yaml`."""
+    record = yaml.safe_load(write_native(rig)[""])
+    if not isinstance(record, dict):
+        raise RoadblockError("a rig file must hold a mapping")
+    return record

@@ -1,0 +1,108 @@
+"""`roadblock doctor`: whether this installation, and a rig file, are sound."""
+
+import importlib.metadata
+import os
+import platform
+import re
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import numba
+import typer
+
+import roadblock
+from roadblock.cli.rig import FormatOption, SizeOption, UnitOption, open_rig
+from roadblock.cli.terminal import show_table
+from roadblock.errors import RoadblockError
+from roadblock.io.machine import package_commit
+from roadblock.io.rig import describe_rig
+
+Row = tuple[str, str, str]
+"""(ok, missing or FAIL; what; finding)."""
+
+
+def doctor(
+    rig: Annotated[Path | None, typer.Option(help="Rig file to look at as well.")] = None,
+    unit: UnitOption = "m",
+    size: SizeOption = None,
+    rig_format: FormatOption = None,
+) -> None:
+    """Check the installation, and a rig file if one is given; exit code 2 if something is broken."""
+    rows = [*_installation(), *_opencv(), *_numba(), *_extras()]
+    if rig is not None:
+        rows += _rig(rig, unit, size, rig_format)
+    show_table("roadblock doctor", ("", "what", "finding"), rows)
+    if any(state == "FAIL" for state, _, _ in rows):
+        raise typer.Exit(2)
+
+
+def _installation() -> Iterator[Row]:
+    enough = sys.version_info >= (3, 11)
+    yield "ok" if enough else "FAIL", "Python", f"{platform.python_version()} on {platform.platform(terse=True)}"
+    yield "ok", "roadblock", f"{roadblock.__version__}, commit {package_commit() or 'unknown'}"
+
+
+def _opencv() -> Iterator[Row]:
+    yield "ok", "OpenCV", f"{cv2.__version__}, {cv2.getNumThreads()} threads"
+    wheels = sorted(set(importlib.metadata.packages_distributions().get("cv2", [])))
+    if len(wheels) > 1:
+        remove = " ".join(name for name in wheels if name != "opencv-contrib-python-headless")
+        yield (
+            "FAIL",
+            "OpenCV packages",
+            f"{len(wheels)} in one environment overwrite each other: pip uninstall -y {remove}; "
+            "pip install --force-reinstall opencv-contrib-python-headless",
+        )
+    else:
+        yield "ok", "OpenCV packages", ", ".join(wheels) or "installed without package record"
+
+
+def _numba() -> Iterator[Row]:
+    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(roadblock.__file__).parent)
+    layer = os.environ.get("NUMBA_THREADING_LAYER", "default")
+    yield "ok", "numba", f"{numba.__version__}, {numba.get_num_threads()} threads, threading layer {layer}"
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            yield "ok", "numba cache", f"kept beside the code in {folder}"
+    except OSError:
+        yield (
+            "missing",
+            "numba cache",
+            f"{folder} cannot be written: set NUMBA_CACHE_DIR to a folder of yours, or numba falls back to one of its "
+            "own or compiles anew at each start",
+        )
+
+
+def _extras() -> Iterator[Row]:
+    package = importlib.metadata.metadata("roadblock")
+    requires = package.get_all("Requires-Dist") or []
+    for extra in package.get_all("Provides-Extra") or []:
+        marker = re.compile(rf"""extra\s*==\s*['"]{re.escape(extra)}['"]""")
+        wanted = [re.split(r"[\s<>=!~;\[(]", text)[0] for text in requires if marker.search(text)]
+        absent = [name for name in wanted if not _is_installed(name)]
+        if absent:
+            yield "missing", f"extra {extra}", f"{', '.join(absent)}; install with: pip install 'roadblock[{extra}]'"
+        else:
+            yield "ok", f"extra {extra}", ", ".join(wanted)
+
+
+def _is_installed(name: str) -> bool:
+    try:
+        importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def _rig(file: Path, unit: str, size: str | None, rig_format: str | None) -> Iterator[Row]:
+    try:
+        rows = describe_rig(open_rig(file, rig_format, unit, size))
+    except RoadblockError as error:
+        yield "FAIL", "rig", str(error)
+        return
+    yield "ok", "rig", f"{file} is sound"
+    yield from (("ok", f"  {what}", value) for what, value in rows)

@@ -1,0 +1,70 @@
+"""What the command line prints: errors, notes and tables."""
+
+from collections.abc import Iterable
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from roadblock.values.scene import FrameResult, Obstacle
+
+out = Console()
+err = Console(stderr=True)
+NEAREST = 12
+"""Rows of the table of obstacles."""
+
+
+def fail(message: str) -> None:
+    """Print one line about what went wrong."""
+    err.print(Text("error: ", style="bold red").append(" ".join(message.split()), style="default"), soft_wrap=True)
+
+
+def note(message: str) -> None:
+    """Print one line worth knowing."""
+    err.print(Text("note: ", style="yellow").append(message, style="default"), soft_wrap=True)
+
+
+def say(message: str) -> None:
+    """Print one line of result; it may be as long as it needs."""
+    out.print(Text(message), soft_wrap=True)
+
+
+def show_table(title: str, columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
+    """Print a table; a column whose name starts with `>` is aligned to the right."""
+    table = Table(title=title, title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False)
+    for column in columns:
+        table.add_column(column.lstrip(">"), justify="right" if column.startswith(">") else "left")
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    out.print(table)
+
+
+def show_nearest(title: str, found: Iterable[tuple[str, Obstacle]]) -> None:
+    """Print the nearest obstacles of (frame name, obstacle) pairs."""
+    nearest = sorted(found, key=lambda pair: pair[1].range_m)[:NEAREST]
+    columns = ("frame", "what", ">range (m)", ">side (m)", ">width x height (m)")
+    show_table(title, columns, ([name, *_describe(obstacle)] for name, obstacle in nearest))
+
+
+def _describe(o: Obstacle) -> list[str]:
+    side = o.position_m[1]
+    width, height, _ = o.size_m
+    return [
+        " ".join(filter(None, (o.color, o.label if o.label != "unknown" else "obstacle"))),
+        f"{o.range_m:.2f} ± {o.range_sigma_m:.2f}",
+        f"{abs(side):.2f} {'left' if side > 0 else 'right'}",
+        f"{width:.1f} x {height:.1f}",
+    ]
+
+
+def summarize(result: FrameResult) -> str:
+    """Return one line about the last frame, for the progress bar."""
+    if not result.obstacles:
+        return "no obstacle"
+    return f"{len(result.obstacles)} obstacles, nearest {result.obstacles[0].range_m:.1f} m"
+
+
+def frames(count: int) -> str:
+    """Return "1 frame", "2 frames"."""
+    return f"{count} frame{'' if count == 1 else 's'}"

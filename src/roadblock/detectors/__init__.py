@@ -1,0 +1,42 @@
+"""Detectors: ways from a RectifiedPair to Detections. Everything after that is shared.
+
+`DETECTORS` is a plain table of name -> factory(settings); another one is named as "package.module:factory".
+"""
+
+import difflib
+import importlib
+from collections.abc import Callable
+
+from roadblock.config import Settings
+from roadblock.detectors.dense import dense
+from roadblock.errors import SettingsError
+from roadblock.values.frame import RectifiedPair
+from roadblock.values.scene import Detections
+
+Detector = Callable[[RectifiedPair], Detections]
+DETECTORS: dict[str, Callable[[Settings], Detector]] = {"dense": dense}
+
+
+def make_detector(settings: Settings) -> Detector:
+    """Return the detector that `settings.detector` names.
+
+    Raises
+    ------
+    SettingsError
+        If there is none of that name, or a "package.module:factory" cannot be imported.
+    """
+    name = settings.detector
+    if name in DETECTORS:
+        return DETECTORS[name](settings)
+    module, colon, factory = name.partition(":")
+    if not colon:
+        nearest = difflib.get_close_matches(name, DETECTORS, 1, 0.0)[0]
+        raise SettingsError(
+            f"unknown detector {name!r}: did you mean {nearest}? "
+            f"Known: {', '.join(DETECTORS)}, or package.module:factory"
+        )
+    try:
+        made: Detector = getattr(importlib.import_module(module), factory)(settings)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise SettingsError(f"detector {name!r} cannot be loaded: {error}") from error
+    return made

@@ -1,0 +1,50 @@
+"""The `dense` detector: a dense matcher, then ground and segmentation on cells. Baseline and oracle."""
+
+from collections.abc import Callable
+from time import perf_counter
+
+import numpy as np
+
+from roadblock.config import Settings
+from roadblock.stages.ground import fit_ground
+from roadblock.stages.match import match
+from roadblock.stages.segment import find_free_space, find_regions, lift, to_cells
+from roadblock.values.frame import RectifiedPair
+from roadblock.values.scene import Detections
+
+REGION_CELL_PX, FREE_CELL_PX = 4, 2
+"""Cells for objects; and finer ones for free space, which ends at thin and low things."""
+
+
+def dense(settings: Settings) -> Callable[[RectifiedPair], Detections]:
+    """Return the detector."""
+
+    def detect(pair: RectifiedPair) -> Detections:
+        clock = [perf_counter()]
+        disparity = match(pair, settings.match)
+        clock.append(perf_counter())
+        coarse, fine = to_cells(disparity, REGION_CELL_PX), to_cells(disparity, FREE_CELL_PX)
+        ground = fit_ground(coarse, pair.rectification, settings.ground)
+        clock.append(perf_counter())
+        free_space = find_free_space(
+            lift(fine, pair.rectification, ground), pair.rectification, ground, settings.segment
+        )
+        regions = find_regions(
+            lift(coarse, pair.rectification, ground),
+            pair.left,
+            pair.rectification,
+            ground,
+            disparity.sigma_px,
+            settings.segment,
+        )
+        clock.append(perf_counter())
+        spent_ms = (1e3 * np.diff(clock)).tolist()
+        return Detections(
+            regions,
+            ground,
+            free_space,
+            matched_share=float(np.isfinite(disparity.d_px).mean()),
+            timings_ms=dict(zip(("match", "ground", "segment"), spent_ms, strict=True)),
+        )
+
+    return detect

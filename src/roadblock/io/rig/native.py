@@ -1,0 +1,98 @@
+"""Our own `rig.yaml`: versioned, readable, every field checked, read back exactly."""
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from typing import Any, cast, get_args
+
+import numpy as np
+
+from roadblock.errors import RigError
+from roadblock.geometry.pose import pose
+from roadblock.io.rig.files import Asked, entry, parse_yaml, section
+from roadblock.io.rig.numbers import digits, listed, number, numbers, size
+from roadblock.values.camera import Camera, Lens, StereoRig
+from roadblock.values.checks import FloatArray
+
+VERSION = 1
+_RIG_KEYS = ("roadblock_rig", "left", "right", "T_left_right", "T_vehicle_car")
+_CAMERA_KEYS = ("size_px", "fx_px", "fy_px", "cx_px", "cy_px", "lens", "distortion")
+_POSE_KEYS = ("R", "t_m")
+
+
+def read_native(texts: tuple[str, ...], asked: Asked) -> StereoRig:
+    """Return the rig of one `rig.yaml`.
+
+    Parameters
+    ----------
+    texts
+        The text of the one file.
+    asked
+        `unit_m` scales the translations.
+
+    Raises
+    ------
+    RigError, ValueRefusedError
+        If the version is another, a name is unknown or missing, or a value cannot be true.
+    """
+    document = parse_yaml(texts[0])
+    version = entry(document, "roadblock_rig")
+    if version != str(VERSION):
+        raise RigError(f"roadblock_rig is version {version!r:.20}, but this program reads version {VERSION}: update it")
+    _known(document, _RIG_KEYS, "")
+    cameras = [_camera(section(document, side), f"{side}.") for side in ("left", "right")]
+    mounting = document.get("T_vehicle_car")
+    return StereoRig(
+        cameras[0],
+        cameras[1],
+        _pose("T_left_right", entry(document, "T_left_right"), asked.unit_m),
+        T_vehicle_car=None if mounting is None else _pose("T_vehicle_car", mounting, asked.unit_m),
+    )
+
+
+def _known(mapping: Mapping[str, Any], allowed: tuple[str, ...], where: str) -> None:
+    for key in mapping:
+        if key not in allowed:
+            near = get_close_matches(str(key), allowed, 1)
+            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(allowed)}"
+            raise RigError(f"{where}{key} is no known name ({hint})"[:300])
+
+
+def _camera(fields: dict[str, Any], where: str) -> Camera:
+    _known(fields, _CAMERA_KEYS, where)
+    size_px = size(f"{where}size_px", entry(fields, "size_px", where))
+    fx, fy, cx, cy = (number(where + key, entry(fields, key, where)) for key in _CAMERA_KEYS[1:5])
+    lens = entry(fields, "lens", where)
+    if lens not in get_args(Lens):
+        raise RigError(f"{where}lens must be one of {', '.join(get_args(Lens))}, but got {lens!r:.40}")
+    given = fields.get("distortion", []) if lens == "pinhole" else entry(fields, "distortion", where)
+    return Camera(size_px, fx, fy, cx, cy, cast(Lens, lens), numbers(f"{where}distortion", given, (-1,)))
+
+
+def _pose(name: str, value: Any, unit_m: float) -> FloatArray:
+    if isinstance(value, dict):
+        _known(value, _POSE_KEYS, f"{name}.")
+        R, t = (numbers(f"{name}.{k}", entry(value, k, f"{name}."), s) for k, s in (("R", (3, 3)), ("t_m", (3,))))
+        return pose(R, unit_m * t)
+    T = np.array(numbers(name, value, (4, 4)))
+    T[:3, 3] *= unit_m
+    return T
+
+
+def write_native(rig: StereoRig) -> dict[str, str]:
+    """Return the text of one `rig.yaml`; it holds every rig exactly."""
+    lines = [
+        "# A stereo rig: metres, pixels; pixel (0, 0) is the centre of the top-left one.",
+        f"roadblock_rig: {VERSION}",
+    ]
+    for side, camera in (("left", rig.left), ("right", rig.right)):
+        lines += [f"{side}:", f"  size_px: [{camera.size_px[0]}, {camera.size_px[1]}]"]
+        lines += [f"  {key}: {digits(getattr(camera, key))}" for key in _CAMERA_KEYS[1:5]]
+        lines += [f"  lens: {camera.lens}", f"  distortion: {listed(camera.distortion)}"]
+    lines += ["# p_left = T_left_right p_right", *_matrix("T_left_right", rig.T_left_right)]
+    if rig.T_vehicle_car is not None:
+        lines += ["# p_vehicle = T_vehicle_car p_car", *_matrix("T_vehicle_car", rig.T_vehicle_car)]
+    return {"": "\n".join(lines) + "\n"}
+
+
+def _matrix(name: str, T: FloatArray) -> list[str]:
+    return [f"{name}:", *(f"  - {listed(row)}" for row in T)]

@@ -1,0 +1,71 @@
+"""The public schema of `obstacles.jsonl`, version 1: one `FrameRecord` per line; unknown is null, never NaN."""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+SCHEMA = 1
+"""Version of the records; a reader refuses every other one."""
+
+Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
+Box = Annotated[list[int], Field(min_length=4, max_length=4)]
+Pixel = Annotated[list[int], Field(min_length=2, max_length=2)]
+
+
+class Record(BaseModel):
+    """Strict: no text where a number belongs, no NaN; fields that a later version adds are let through."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False, frozen=True)
+
+
+class ObstacleRecord(Record):
+    """One obstacle; see `roadblock.values.scene.Obstacle` for what each number means."""
+
+    id: int | None
+    class_: str = Field(alias="class")
+    class_probability: float | None
+    color: str | None
+    position_m: Triple
+    range_m: float
+    range_sigma_m: float | None
+    size_m: Annotated[list[float | None], Field(min_length=3, max_length=3)]
+    box_px: Box
+    contour_px: list[Pixel]
+    velocity_mps: Triple | None
+    ttc_s: float | None
+
+
+class FreeSpaceRecord(Record):
+    """Per image column the forward distance to the first thing on the road, null where unobserved."""
+
+    u_px: list[float]
+    range_m: list[float | None]
+
+
+class GroundRecord(Record):
+    """The road seen from the point halfway between the cameras."""
+
+    height_m: float
+    pitch_rad: float
+    roll_rad: float
+
+
+class HealthRecord(Record):
+    """Whether the frame can be trusted, and why not."""
+
+    state: str
+    reasons: list[str]
+
+
+class FrameRecord(Record):
+    """One line of `obstacles.jsonl`."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    frame: int
+    name: str
+    t_ns: int
+    obstacles: list[ObstacleRecord]
+    free_space: FreeSpaceRecord
+    ground: GroundRecord | None
+    health: HealthRecord
+    timings_ms: dict[str, float | None]

@@ -1,0 +1,86 @@
+"""The flow chart (the paper's figure 1): one pair in, one result out."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import perf_counter
+
+from roadblock.config import Settings
+from roadblock.detectors import make_detector
+from roadblock.errors import SourceError
+from roadblock.stages.health import judge, looks_swapped
+from roadblock.stages.recognize import name_color
+from roadblock.stages.rectify import plan_rectification, rectify
+from roadblock.stages.triangulate import locate
+from roadblock.values.camera import StereoRig
+from roadblock.values.frame import RectifiedPair, StereoPair
+from roadblock.values.scene import FrameResult
+
+
+class Pipeline:
+    """All stages for one rig.
+
+    Parameters
+    ----------
+    rig
+        The cameras of the pairs to come.
+    settings
+        Of all stages.
+
+    Raises
+    ------
+    RigError
+        If the cameras share no view.
+    SettingsError
+        If the detector is unknown.
+    """
+
+    def __init__(self, rig: StereoRig, settings: Settings | None = None) -> None:
+        self.rig = rig
+        self.settings = settings or Settings()
+        self.rectification = plan_rectification(rig, self.settings.rectify)
+        self.detect = make_detector(self.settings)
+
+    def step(self, pair: StereoPair) -> tuple[FrameResult, RectifiedPair]:
+        """Find every obstacle in one pair.
+
+        Returns
+        -------
+        The result and the rectified pair its pixels belong to.
+
+        Raises
+        ------
+        SourceError
+            If the images do not fit the rig, or left and right were exchanged.
+        """
+        timings_ms: dict[str, float] = {}
+        with _timed(timings_ms, "rectify"):
+            rectified = rectify(pair, self.rectification, self.rig.left.size_px)
+        found = self.detect(rectified)
+        timings_ms |= found.timings_ms
+        with _timed(timings_ms, "triangulate"):
+            obstacles = [
+                locate(region, self.rectification, found.ground, name_color(region.color_rgb), self.rig.T_vehicle_car)
+                for region in found.regions
+            ]
+        health = judge(found, self.settings.health)
+        if health.state != "ok" and looks_swapped(rectified):
+            raise SourceError(f"frame {pair.name}: the left and right images look swapped: exchange them")
+        timings_ms["total"] = sum(timings_ms.values())
+        result = FrameResult(
+            pair.index,
+            pair.name,
+            pair.t_ns,
+            tuple(sorted(obstacles, key=lambda o: o.range_m)),
+            found.free_space,
+            found.ground,
+            health,
+            timings_ms,
+        )
+        return result, rectified
+
+
+@contextmanager
+def _timed(timings_ms: dict[str, float], name: str) -> Iterator[None]:
+    start = perf_counter()
+    yield
+    timings_ms[name] = 1e3 * (perf_counter() - start)

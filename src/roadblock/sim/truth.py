@@ -1,0 +1,104 @@
+"""What is true in a picture: of each named thing, and of the ground."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roadblock.geometry.pose import transform, vehicle_from_car
+from roadblock.sim.scene import Scene
+from roadblock.sim.solids import Thing
+from roadblock.values.camera import StereoRig
+from roadblock.values.checks import FloatArray
+from roadblock.values.scene import GroundPlane
+
+NEAREST_PERCENTILE = 10.0
+"""Of the forward distance over the visible surface: the nearest face, robust to a hand or a mirror."""
+
+FACE_DEPTH_M = 0.1
+"""What lies at most this much behind the nearest face's distance belongs to that face."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrueObject:
+    """One named thing, as far as the left camera sees it.
+
+    Attributes
+    ----------
+    id, type, color
+        As in `Thing`.
+    position_m
+        (3,) foot of its nearest visible face in the vehicle frame, metres: at `range_m` ahead, in the middle of
+        that face's width, at the height of the thing's lowest point.
+    range_m
+        Forward distance of its nearest visible face: the 10th percentile over its visible pixels.
+    mean_range_m
+        The mean instead of the percentile.
+    size_m
+        (3,) width, height, length along its own axes.
+    box_px
+        (u0, v0, u1, v1), half open, around its visible pixels in the left image.
+    visible_px
+        How many pixel centres see it.
+    """
+
+    id: int
+    type: str
+    color: str
+    position_m: FloatArray
+    range_m: float
+    mean_range_m: float
+    size_m: FloatArray
+    box_px: tuple[int, int, int, int]
+    visible_px: int
+
+
+def true_objects(
+    scene: Scene, rig: StereoRig, depth_m: NDArray[np.float64], ids: NDArray[np.int32]
+) -> tuple[TrueObject, ...]:
+    """Return what is true of each named thing that is seen, nearest first.
+
+    Parameters
+    ----------
+    scene, rig
+        What was rendered, and with what.
+    depth_m, ids
+        (height, width) forward distance and id at the left image's pixel centres.
+    """
+    named = [thing for thing in scene.things if thing.id and (ids == thing.id).any()]
+    objects = [_true_object(scene, rig, thing, depth_m, ids == thing.id) for thing in named]
+    return tuple(sorted(objects, key=lambda found: found.range_m))
+
+
+def _true_object(
+    scene: Scene, rig: StereoRig, thing: Thing, depth_m: NDArray[np.float64], seen: NDArray[np.bool_]
+) -> TrueObject:
+    v, u = np.nonzero(seen)
+    z = depth_m[seen]
+    nearest = float(np.percentile(z, NEAREST_PERCENTILE))
+    # The car frame's origin is half a baseline to the right of the left camera.
+    x = (u - rig.left.cx_px) * z / rig.left.fx_px - rig.baseline_m / 2
+    face = x[z <= nearest + FACE_DEPTH_M]
+    foot = _on_height(scene, (face.min() + face.max()) / 2, nearest, thing.bounds_m(thing.T_world_thing)[0, 2])
+    return TrueObject(
+        thing.id,
+        thing.type,
+        thing.color,
+        transform(vehicle_from_car(rig.T_vehicle_car), foot),
+        nearest,
+        float(z.mean()),
+        thing.size_m,
+        (int(u.min()), int(v.min()), int(u.max()) + 1, int(v.max()) + 1),
+        len(z),
+    )
+
+
+def _on_height(scene: Scene, x: float, z: float, height_m: float) -> FloatArray:
+    """Return the car-frame point with these x and z that lies at a height of the world."""
+    to_up = scene.T_world_car[2]
+    return np.array([x, (height_m - to_up[3] - to_up[0] * x - to_up[2] * z) / to_up[1], z])
+
+
+def true_ground(scene: Scene) -> GroundPlane:
+    """Return the road in the car frame."""
+    return GroundPlane(scene.T_world_car[2, :3], scene.T_world_car[2, 3])

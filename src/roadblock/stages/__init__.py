@@ -1,0 +1,1 @@
+"""The boxes of the flow chart: functions from values to values, blind to each other."""

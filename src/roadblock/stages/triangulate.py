@@ -1,0 +1,76 @@
+"""Triangulate: Regions in, Obstacles out: metres in the vehicle frame, with what their noise does to them."""
+
+import numpy as np
+
+from roadblock.geometry.pose import transform, vehicle_from_car
+from roadblock.geometry.stereo import triangulate, triangulate_jacobian
+from roadblock.values.camera import Rectification
+from roadblock.values.checks import FloatArray
+from roadblock.values.scene import GroundPlane, Obstacle, Region
+
+NEAREST_FACE_PERCENT = 10
+"""The nearest visible face is this percentile of the forward distance over the visible surface."""
+
+
+def locate(
+    region: Region,
+    rectification: Rectification,
+    ground: GroundPlane | None,
+    color: str | None = None,
+    T_vehicle_car: FloatArray | None = None,
+) -> Obstacle:
+    """Measure one region (the paper's section 2.3 and eq. 8).
+
+    Parameters
+    ----------
+    region
+        From a detector.
+    rectification
+        The twin cameras.
+    ground
+        The road, for foot point and height; without it, the lowest visible point is the foot.
+    color
+        Its colour's name.
+    T_vehicle_car
+        The rig's mounting, or None.
+
+    Returns
+    -------
+    The obstacle; its length is NaN where its depth does not stand out of the noise of the disparities.
+    """
+    points = triangulate(rectification, region.surface_uvd_px)
+    x, y, z = points.T
+    range_m = float(np.percentile(z, NEAREST_FACE_PERCENT))
+    face = points[np.argsort(z)[: max(1, round(0.3 * len(z)))]]
+    left, right = np.percentile(x, [1, 99])
+    middle_x = float((np.percentile(face[:, 0], 1) + np.percentile(face[:, 0], 99)) / 2)
+    if ground is None:
+        foot, height = np.array([middle_x, y.max(), range_m]), float(np.ptp(y))
+    else:
+        foot, height = ground.point_below(middle_x, range_m), float(np.percentile(ground.height_of(points), 99))
+    scale = rectification.f_px / range_m
+    d_px = rectification.baseline_m * scale
+    uvd = np.array(
+        [
+            (middle_x + rectification.baseline_m / 2) * scale + rectification.cx_px,
+            np.median(region.surface_uvd_px[:, 1]),
+            d_px,
+        ]
+    )
+    cov_uvd = np.diag([1.0, 1.0, region.sigma_d_px**2])
+    T = vehicle_from_car(T_vehicle_car)
+    J = T[:3, :3] @ triangulate_jacobian(rectification, uvd)
+    sigma_m = range_m / d_px * region.sigma_d_px
+    depth = float(np.percentile(z, 95) - range_m)
+    return Obstacle(
+        position_m=transform(T, foot),
+        range_m=range_m,
+        range_sigma_m=sigma_m,
+        size_m=np.array([max(right - left, 1 / scale), height, depth if depth > max(0.5, 3 * sigma_m) else np.nan]),
+        uvd_px=uvd,
+        cov_uvd_px2=cov_uvd,
+        cov_match_m2=J @ cov_uvd @ J.T,
+        box_px=region.box_px,
+        contour_px=region.contour_px,
+        color=color,
+    )
