@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from roadblock.cli.rig import FormatOption, SizeOption, UnitOption, open_rig
 from roadblock.cli.terminal import err, frames, note, say, show_nearest, summarize
 from roadblock.config import Settings, load_settings
-from roadblock.errors import MissingExtraError, RoadblockError
+from roadblock.errors import MissingExtraError, SettingsError
 from roadblock.io.results import OVERLAY, RESULTS, RUN, VIDEO, JsonlSink, prepare_folder, run_record, write_run
 from roadblock.io.rig.native import write_native
 from roadblock.io.sources import StereoSource, open_source
@@ -22,6 +22,9 @@ from roadblock.pipeline import Pipeline
 from roadblock.values.camera import StereoRig
 from roadblock.values.scene import FrameResult, Obstacle
 from roadblock.viz.sinks import OverlaySink, PictureSink, VideoSink
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells expect it."""
 
 
 @dataclass
@@ -60,7 +63,7 @@ def detect(
 ) -> None:
     """Find every obstacle in a recording."""
     if overlay and out is None:
-        raise typer.BadParameter("--overlay needs a folder to draw into: add --out DIR")
+        raise SettingsError("--overlay needs a folder to draw into: add --out DIR")
     chosen = [f"detector={detector}"] if detector else []
     resolved = load_settings(settings, [*chosen, *(assignments or [])])
     cameras = None if rig is None else open_rig(rig, rig_format, unit, size)
@@ -68,7 +71,7 @@ def detect(
     tally = run(opened, source, resolved, out, overlay)
     report(opened, tally, out)
     if tally.interrupted:
-        raise KeyboardInterrupt
+        raise typer.Exit(INTERRUPTED)
 
 
 def run(source: StereoSource, spec: str, settings: Settings, out: Path | None, overlay: bool) -> Tally:
@@ -168,7 +171,5 @@ def _record(
 
 def rig_record(rig: StereoRig) -> dict[str, Any]:
     """Return a rig as the plain values of its `rig.yaml`."""
-    record = yaml.safe_load(write_native(rig)[""])
-    if not isinstance(record, dict):
-        raise RoadblockError("a rig file must hold a mapping")
+    record: dict[str, Any] = yaml.safe_load(write_native(rig)[""])
     return record

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from roadblock.cli.terminal import say, show_table
+from roadblock.errors import SettingsError
 from roadblock.io.rig import READERS, WRITERS, describe_rig, read_rig, write_rig
 from roadblock.values.camera import StereoRig
 
@@ -19,8 +20,9 @@ SizeOption = Annotated[
     str | None, typer.Option("--size", help="Image size, as 640x480, for rig files that do not tell it.")
 ]
 FormatOption = Annotated[
-    str | None, typer.Option("--rig-format", help=f"Format of the rig file, if it is unclear: {', '.join(READERS)}.")
+    str | None, typer.Option("--format", help=f"Format of the rig file, if it is unclear: {', '.join(READERS)}.")
 ]
+PairOption = Annotated[str | None, typer.Option("--pair", help="Numbers of the two cameras in a KITTI file, as 2,3.")]
 RightOption = Annotated[
     Path | None, typer.Option("--right", help="Second file of a two-file format (ROS right.yaml, OpenCV extrinsics).")
 ]
@@ -35,9 +37,10 @@ def show(
     size: SizeOption = None,
     rig_format: FormatOption = None,
     right: RightOption = None,
+    pair: PairOption = None,
 ) -> None:
     """Say in words what a rig file describes."""
-    show_table(str(file), ("what", "value"), describe_rig(open_rig(file, rig_format, unit, size, right)))
+    show_table(str(file), ("what", "value"), describe_rig(open_rig(file, rig_format, unit, size, right, pair)))
 
 
 @rig_app.command("convert")
@@ -49,17 +52,30 @@ def convert(
     size: SizeOption = None,
     rig_format: FormatOption = None,
     right: RightOption = None,
+    pair: PairOption = None,
 ) -> None:
     """Read a rig of any known format and write it in another one."""
-    for path in write_rig(open_rig(file, rig_format, unit, size, right), target, to):
+    for path in write_rig(open_rig(file, rig_format, unit, size, right, pair), target, to):
         say(f"wrote {path}")
 
 
 def open_rig(
-    file: Path, rig_format: str | None = None, unit: str = "m", size: str | None = None, right: Path | None = None
+    file: Path,
+    rig_format: str | None = None,
+    unit: str = "m",
+    size: str | None = None,
+    right: Path | None = None,
+    pair: str | None = None,
 ) -> StereoRig:
     """Read a rig file as the options of the command line say."""
-    return read_rig(file, format=rig_format, unit_m=parse_unit(unit), right=right, size_px=parse_size(size))
+    return read_rig(
+        file,
+        format=rig_format,
+        unit_m=parse_unit(unit),
+        right=right,
+        size_px=parse_size(size),
+        pair=parse_pair(pair),
+    )
 
 
 def parse_unit(text: str) -> float:
@@ -67,7 +83,7 @@ def parse_unit(text: str) -> float:
     match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)?\s*([a-z]*)\s*", text)
     factor = UNITS_M.get(match[2] or "m") if match else None
     if match is None or factor is None or not text.strip() or float(match[1] or 1) == 0:
-        raise typer.BadParameter(f"a unit must be {', '.join(UNITS_M)}, or a number with one (25mm), but got {text!r}")
+        raise SettingsError(f"a unit must be {', '.join(UNITS_M)}, or a number with one (25mm), but got {text!r}")
     return float(match[1] or 1) * factor
 
 
@@ -77,5 +93,15 @@ def parse_size(text: str | None) -> tuple[int, int] | None:
         return None
     match = re.fullmatch(r"\s*([1-9]\d{0,5})\s*[xX]\s*([1-9]\d{0,5})\s*", text)
     if match is None:
-        raise typer.BadParameter(f"a size must look like 640x480, but got {text!r}")
+        raise SettingsError(f"a size must look like 640x480, but got {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def parse_pair(text: str | None) -> tuple[int, int] | None:
+    """Return (left, right) of "2,3"."""
+    if text is None:
+        return None
+    match = re.fullmatch(r"\s*(\d)\s*,\s*(\d)\s*", text)
+    if match is None:
+        raise SettingsError(f"a pair of cameras must look like 2,3, but got {text!r}")
     return int(match[1]), int(match[2])

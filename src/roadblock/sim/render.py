@@ -101,12 +101,7 @@ def render(
     ValueRefusedError
         If `samples` or `threads` is below 1 or `noise` negative.
     """
-    if not rig.is_rectified:
-        raise RigError("the renderer needs a rectified rig (parallel pinhole twins), but got another: rectify it first")
-    if samples < 1 or (threads is not None and threads < 1):
-        raise ValueRefusedError(f"samples and threads must be >= 1, but got {samples} and {threads}")
-    if not 0 <= noise < np.inf:
-        raise ValueRefusedError(f"noise must be >= 0 grey levels, but got {noise}")
+    _check(rig, samples, noise, threads)
     world = _world(scene)
     views = [_view(scene, camera, side * rig.baseline_m / 2) for camera, side in ((rig.left, -1), (rig.right, 1))]
     width, height = rig.left.size_px
@@ -125,6 +120,15 @@ def render(
         true_objects(scene, rig, depth_m, ids),
         true_ground(scene),
     )
+
+
+def _check(rig: StereoRig, samples: int, noise: float, threads: int | None) -> None:
+    if not rig.is_rectified:
+        raise RigError("the renderer needs a rectified rig (parallel pinhole twins), but got another: rectify it first")
+    if samples < 1 or (threads is not None and threads < 1):
+        raise ValueRefusedError(f"samples and threads must be >= 1, but got {samples} and {threads}")
+    if not 0 <= noise < np.inf:
+        raise ValueRefusedError(f"noise must be >= 0 grey levels, but got {noise}")
 
 
 def _picture(

@@ -103,7 +103,7 @@ def _draw_sectors(picture: Picture, plot: _Plot, free_space: FreeSpace, rectific
     row, column = np.indices(in_view.shape)
     picture[in_view > 0] = IN_VIEW
     picture[(in_view > 0) & ((row + column) % 9 < 5)] = PANEL
-    half = column_half_width(free_space, width)
+    half = column_half_width(free_space)
     for run in _observed_runs(free_space):
         u = np.repeat(free_space.u_px[run], 2) + np.tile([-half, half], len(run))
         z = np.minimum(np.repeat(free_space.range_m[run], 2), plot.range_m)

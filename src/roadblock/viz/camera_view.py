@@ -96,7 +96,7 @@ def road_top(
     (width,) rows of the picture; infinity where nothing is known to be free.
     """
     top = np.full(width, np.inf)
-    half = column_half_width(free_space, rectification.size_px[0])
+    half = column_half_width(free_space)
     rows = (road_rows(free_space, ground, rectification) + 0.5) * scale - 0.5
     edges = np.round((free_space.u_px[:, None] + 0.5 + (-half, half)) * scale).astype(int)
     for (u0, u1), v in zip(edges, rows, strict=True):
@@ -118,9 +118,9 @@ def road_rows(free_space: FreeSpace, ground: GroundPlane, rectification: Rectifi
     return np.asarray(image_from_car(rectification, points)[..., 1])
 
 
-def column_half_width(free_space: FreeSpace, width: int) -> float:
-    """Return half the width of a free-space column, pixels."""
-    return float(np.median(np.diff(free_space.u_px))) / 2 if len(free_space.u_px) > 1 else width / 2
+def column_half_width(free_space: FreeSpace) -> float:
+    """Return half the width of a free-space column, pixels; a single one stands for its own pixel alone."""
+    return float(np.median(np.diff(free_space.u_px))) / 2 if len(free_space.u_px) > 1 else 0.5
 
 
 def _tint(picture: Picture, top: NDArray[np.float64]) -> None:

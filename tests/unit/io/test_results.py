@@ -1,6 +1,5 @@
 import json
 import math
-import os
 import signal
 import subprocess
 import sys
@@ -201,9 +200,15 @@ def test_full_disk_is_told_and_leaves_whole_lines(tmp_path):
     assert size + size // len(lines) > 2500  # one more would not have fitted
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_full_device_is_told():
+    with JsonlSink(Path("/dev/full")) as sink, pytest.raises(OutputError, match="cannot write /dev/full: No space"):
+        sink.write(make_result())
+
+
 def test_unwritable_folder_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot write .*choose another folder"):
+    with pytest.raises(OutputError, match=r"cannot write .*choose another folder"):
         JsonlSink(tmp_path / "file" / "obstacles.jsonl").__enter__()
 
 
@@ -286,7 +291,7 @@ def test_prepare_removes_an_empty_overlay_folder(tmp_path):
 def test_prepare_refuses_what_no_run_left(tmp_path, name):
     (tmp_path / name).parent.mkdir(exist_ok=True)
     (tmp_path / name).write_text("mine")
-    with pytest.raises(OutputError, match="holds .* of something else than a run"):
+    with pytest.raises(OutputError, match=r"holds .* of something else than a run"):
         prepare_folder(tmp_path)
     assert (tmp_path / name).read_text() == "mine"
 
@@ -331,7 +336,7 @@ def test_run_record_says_what_made_the_results(tmp_path):
     assert set(back["machine"]) == {"platform", "python", "cpu", "cores", "opencv", "numpy", "numba"}
     assert datetime.fromisoformat(back["finished"]).tzinfo == UTC
     assert back["version"]
-    assert os.listdir(tmp_path / "new") == ["run.json"]
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["run.json"]
 
 
 @pytest.mark.parametrize("bad", [{"x": NAN}, {"x": Path("a")}])
@@ -346,4 +351,4 @@ def test_run_that_cannot_be_written_is_told_and_leaves_no_litter(tmp_path):
     (tmp_path / "run.json").mkdir()
     with pytest.raises(OutputError, match="cannot write"):
         write_run(tmp_path / "run.json", make_run())
-    assert os.listdir(tmp_path) == ["run.json"]
+    assert [path.name for path in tmp_path.iterdir()] == ["run.json"]
