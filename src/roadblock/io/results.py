@@ -223,7 +223,8 @@ class JsonlSink:
                 written += self._file.write(line[written:])
         except OSError as error:
             with suppress(OSError):
-                self._file.truncate(start)
+                self._file.seek(start)
+                self._file.truncate()
             raise OutputError(_cannot_write(self.path, error)) from error
 
 

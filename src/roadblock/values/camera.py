@@ -1,5 +1,6 @@
 """Cameras, the stereo rig, and its rectification: the geometry that does not change from frame to frame."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -7,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.errors import RigError, ValueRefusedError
-from roadblock.values.checks import FloatArray, finite, locked, positive, rigid_transform
+from roadblock.values.checks import FloatArray, finite, image_size, locked, positive, rigid_transform, rotation
 
 Lens = Literal["pinhole", "brown_conrady", "kannala_brandt"]
 COEFFICIENTS: dict[str, tuple[int, ...]] = {"pinhole": (0,), "brown_conrady": (5, 8), "kannala_brandt": (4,)}
 """How many distortion coefficients each lens model takes, in OpenCV's order
 (Brown-Conrady k1 k2 p1 p2 k3 [k4 k5 k6], Kannala-Brandt k1 k2 k3 k4)."""
+
+LARGEST_COEFFICIENT = 1e30
+"""No lens comes near it; beyond it the lens functions would overflow."""
 
 BASELINE_RANGE_M = (0.005, 3.0)
 """What a pair of cameras on one vehicle can have; beyond it the unit is wrong."""
@@ -37,7 +41,8 @@ class Camera:
     Raises
     ------
     ValueRefusedError
-        If a number is not finite, a length not positive, or the coefficients do not fit the lens.
+        If a number is not finite, a length not positive, the size not whole or beyond what images can have, or the
+        coefficients do not fit the lens.
     """
 
     size_px: tuple[int, int]
@@ -49,21 +54,23 @@ class Camera:
     distortion: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        size = finite("size_px", self.size_px, (2,))
-        if (size < 1).any() or (size != np.floor(size)).any():
-            raise ValueRefusedError(f"size_px must be two whole numbers >= 1, but got {self.size_px}")
-        object.__setattr__(self, "size_px", (int(size[0]), int(size[1])))
+        object.__setattr__(self, "size_px", image_size("size_px", self.size_px))
         for name in ("fx_px", "fy_px"):
             object.__setattr__(self, name, positive(name, getattr(self, name)))
         for name in ("cx_px", "cy_px"):
             object.__setattr__(self, name, float(finite(name, getattr(self, name), ())))
         if self.lens not in get_args(Lens):
             raise ValueRefusedError(f"lens must be one of {', '.join(get_args(Lens))}, but got {self.lens!r}")
-        count = np.size(self.distortion)
+        k = finite("distortion", self.distortion, (-1,))
+        count = len(k)
         if count not in COEFFICIENTS[self.lens]:
             allowed = " or ".join(map(str, COEFFICIENTS[self.lens]))
             raise ValueRefusedError(f"lens {self.lens} takes {allowed} coefficients, but got {count}")
-        object.__setattr__(self, "distortion", finite("distortion", self.distortion, (count,)))
+        if (np.abs(k) > LARGEST_COEFFICIENT).any():
+            raise ValueRefusedError(
+                f"distortion must stay below {LARGEST_COEFFICIENT:g}, but got {np.abs(k).max():g}: calibrate again"
+            )
+        object.__setattr__(self, "distortion", k)
 
     @property
     def K(self) -> FloatArray:
@@ -133,7 +140,7 @@ class StereoRig:
     @property
     def baseline_m(self) -> float:
         """Distance between the optical centres, metres."""
-        return float(np.linalg.norm(self.T_left_right[:3, 3]))
+        return math.hypot(*self.T_left_right[:3, 3])
 
     @property
     def is_rectified(self) -> bool:
@@ -162,6 +169,11 @@ class Rectification:
     maps_left, maps_right
         (map_u, map_v) float32 of the rectified size, raw pixel positions to sample, NaN-free (far outside
         the image where the lens sees nothing); None where the images are already rectified.
+
+    Raises
+    ------
+    ValueRefusedError
+        If a number is not finite, a length not positive, a rotation none, or a map of another size or type.
     """
 
     f_px: float
@@ -177,9 +189,17 @@ class Rectification:
     def __post_init__(self) -> None:
         for name in ("f_px", "baseline_m"):
             object.__setattr__(self, name, positive(name, getattr(self, name)))
+        for name in ("cx_px", "cy_px"):
+            object.__setattr__(self, name, float(finite(name, getattr(self, name), ())))
+        object.__setattr__(self, "size_px", image_size("size_px", self.size_px))
         for name in ("R_rect_left", "R_rect_right"):
-            object.__setattr__(self, name, locked(np.asarray(getattr(self, name), float)))
+            object.__setattr__(self, name, rotation(name, getattr(self, name)))
         for name in ("maps_left", "maps_right"):
             maps = getattr(self, name)
             if maps is not None:
-                object.__setattr__(self, name, (locked(maps[0]), locked(maps[1])))
+                if [(m.shape, m.dtype) for m in maps] != 2 * [(self.size_px[::-1], np.float32)]:
+                    raise ValueRefusedError(
+                        f"{name} must be two float32 arrays of shape {self.size_px[::-1]}, but got "
+                        + ", ".join(f"{m.dtype} {m.shape}" for m in maps)
+                    )
+                object.__setattr__(self, name, tuple(map(locked, maps)))

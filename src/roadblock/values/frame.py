@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from roadblock.errors import ValueRefusedError
 from roadblock.values.camera import Rectification
-from roadblock.values.checks import FloatArray, locked
+from roadblock.values.checks import FloatArray, finite, locked
 
 Image = NDArray[Any]
 """(height, width) grey or (height, width, 3) RGB; uint8 or uint16."""
@@ -50,6 +50,11 @@ class StereoPair:
     t_ns
         Moment of exposure of the left image, ns since the epoch (or since the start of a video); 0 for single
         frames, whose moment is unknown.
+
+    Raises
+    ------
+    ValueRefusedError
+        If the images are no pair (see `check_pair`).
     """
 
     left: Image
@@ -76,6 +81,11 @@ class RectifiedPair:
         The twin cameras they belong to.
     index, name, t_ns
         As in `StereoPair`.
+
+    Raises
+    ------
+    ValueRefusedError
+        If the images are no pair, or not of the rectification's size.
     """
 
     left: Image
@@ -109,6 +119,11 @@ class DisparityMap:
     cell_px
         Width and height of the square cell one value stands for; 1 for a dense map. Cell (row, column) is centred
         on pixel `(cell_px * column + (cell_px - 1) / 2, cell_px * row + (cell_px - 1) / 2)`.
+
+    Raises
+    ------
+    ValueRefusedError
+        If `d_px` is no 2-D float32 array, `sigma_px` negative or not finite, or `cell_px` no whole number >= 1.
     """
 
     d_px: NDArray[np.float32]
@@ -118,6 +133,10 @@ class DisparityMap:
     def __post_init__(self) -> None:
         if self.d_px.ndim != 2 or self.d_px.dtype != np.float32:
             raise ValueRefusedError(f"d_px must be a 2-D float32 array, but got {self.d_px.ndim}-D {self.d_px.dtype}")
+        if finite("sigma_px", self.sigma_px, ()) < 0:
+            raise ValueRefusedError(f"sigma_px must be >= 0, but got {self.sigma_px}")
+        if not (self.cell_px >= 1 and self.cell_px % 1 == 0):
+            raise ValueRefusedError(f"cell_px must be a whole number >= 1, but got {self.cell_px}")
         object.__setattr__(self, "d_px", locked(self.d_px))
 
     @property

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.values.checks import FloatArray, finite, locked, positive
+from roadblock.errors import ValueRefusedError
+from roadblock.values.checks import FloatArray, finite, locked, numbers, positive
 
 HEALTH_STATES = ("ok", "degraded", "failed")
 
@@ -26,6 +27,11 @@ class GroundPlane:
         Share of the candidate points that lie on it, 0..1.
     range_m
         How far ahead it was seen.
+
+    Raises
+    ------
+    ValueRefusedError
+        If the normal is not one long (to 1e-6) or does not point up, the height not positive, or the bend not finite.
     """
 
     normal: FloatArray
@@ -36,6 +42,9 @@ class GroundPlane:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "normal", finite("normal", self.normal, (3,)))
+        if abs(np.linalg.norm(self.normal) - 1) > 1e-6 or self.normal[1] >= 0:
+            raise ValueRefusedError(f"normal must be one long and point up (y < 0), but got {self.normal.tolist()}")
+        finite("bend_per_m", self.bend_per_m, ())
         object.__setattr__(self, "height_m", positive("height_m", self.height_m))
 
     @property
@@ -49,7 +58,7 @@ class GroundPlane:
         return float(np.arctan2(-self.normal[0], -self.normal[1]))
 
     def height_of(self, points: FloatArray) -> FloatArray:
-        """Height of car-frame points (..., 3) above the road, metres; NaN where a point is NaN."""
+        """Return the height (...) of car-frame points (..., 3) above the road, metres; NaN where a point is NaN."""
         z = points[..., 2]
         return np.asarray(points @ self.normal + self.height_m - self.bend_per_m * z * z)
 
@@ -71,14 +80,19 @@ class FreeSpace:
     range_m
         (n,) forward distance to the first thing standing on the road; NaN where nothing of the road or of an
         obstacle was observed: unobserved is never free.
+
+    Raises
+    ------
+    ValueRefusedError
+        If they are no numbers, of unequal length, or a column is not finite.
     """
 
     u_px: FloatArray
     range_m: FloatArray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "u_px", locked(np.asarray(self.u_px, float)))
-        object.__setattr__(self, "range_m", locked(np.asarray(self.range_m, float)))
+        object.__setattr__(self, "u_px", finite("u_px", self.u_px, (-1,)))
+        object.__setattr__(self, "range_m", numbers("range_m", self.range_m, (len(self.u_px),)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +175,11 @@ class Obstacle:
         Name of its mean colour, None for grey cameras.
     label, probability
         Class and its probability; "unknown" and NaN until recognised.
+
+    Raises
+    ------
+    ValueRefusedError
+        If the position is not finite or the range not positive.
     """
 
     position_m: FloatArray
@@ -183,10 +202,20 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class Health:
-    """Whether this frame's result can be trusted: a state of `HEALTH_STATES` and the reasons in words."""
+    """Whether this frame's result can be trusted: a state of `HEALTH_STATES` and the reasons in words.
+
+    Raises
+    ------
+    ValueRefusedError
+        If there is no such state.
+    """
 
     state: str = "ok"
     reasons: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.state not in HEALTH_STATES:
+            raise ValueRefusedError(f"state must be one of {', '.join(HEALTH_STATES)}, but got {self.state!r}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -233,6 +233,18 @@ def test_a_pole_of_the_rational_lens_is_a_fold() -> None:
     assert np.isnan(project(camera, [1.5, 0, 1])).all()
 
 
+@pytest.mark.parametrize("lens", ["brown_conrady", "kannala_brandt"])
+@pytest.mark.parametrize("huge", [1e12, 1e30, -1e30])
+def test_the_largest_coefficients_do_not_break_the_lens(lens: str, huge: float) -> None:
+    for count in (5, 8) if lens == "brown_conrady" else (4,):
+        for where in range(count):
+            camera = Camera(SIZE, 71.0, 64.0, 43.3, 33.9, lens, huge * np.eye(count)[where])
+            assert fold_radius(camera) > 0
+            again = project(camera, unproject(camera, grid(camera)[::9, ::9]))
+            assert (np.isnan(again) | (np.abs(again - grid(camera)[::9, ::9]) < 1e-9)).all()
+        assert fold_radius(Camera(SIZE, 71.0, 64.0, 43.3, 33.9, lens, np.full(count, huge))) > 0
+
+
 def test_a_pinhole_never_folds() -> None:
     assert fold_radius(SAMPLES[0]) == np.inf
 

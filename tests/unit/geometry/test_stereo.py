@@ -63,12 +63,12 @@ def test_equation_8_is_the_mean_of_both_camera_coordinates() -> None:
 
 def test_equation_8_is_exact_after_rectification_only() -> None:
     half_degree = pose(rotation_from_rotvec([0, np.deg2rad(0.5), 0]), [0.205, 0, 0])
-    point = np.array([0.0, 0.0, 20.0])
-    in_left, in_right = point + [0.1025, 0, 0], transform(inverse(half_degree), point + [0.1025, 0, 0])
+    point, aside = np.array([0.0, 0.0, 20.0]), np.array([0.1025, 0, 0])
+    in_left, in_right = point + aside, transform(inverse(half_degree), point + aside)
     assert abs(car_from_cameras(in_left, in_right) - point).max() == pytest.approx(0.087, abs=0.001)
     R_left, R_right = rectifying_rotations(half_degree)
     # The car frame then hangs at the optical centres' midpoint, in rectified axes.
-    by_hand = R_left @ (in_left - [0.1025, 0, 0])
+    by_hand = R_left @ (in_left - aside)
     np.testing.assert_allclose(car_from_cameras(R_left @ in_left, R_right @ in_right), by_hand, rtol=0, atol=1e-12)
 
 
@@ -132,7 +132,7 @@ def test_triangulate_jacobian_by_complex_steps(uvd: np.ndarray) -> None:
 
     columns = [by_hand(*(uvd + 1j * h * axis)).imag / h for axis in np.eye(3)]
     np.testing.assert_allclose(triangulate_jacobian(TWIN, uvd), np.stack(columns, -1), rtol=1e-10, atol=1e-14)
-    two = triangulate_jacobian(TWIN, [uvd, uvd + [1, 2, 3]])
+    two = triangulate_jacobian(TWIN, [uvd, 2 * uvd])
     np.testing.assert_array_equal(two[0], triangulate_jacobian(TWIN, uvd))
 
 

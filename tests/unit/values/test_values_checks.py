@@ -39,7 +39,7 @@ def test_finite_copies_so_that_the_caller_cannot_change_the_value() -> None:
     ["700", b"700", None, True, 1 + 2j, np.array(1 + 0j), {}, object(), "a\nb", [1, 2], [[1, 2], [3]], [None], 10**400],
 )
 def test_finite_refuses_what_is_no_number(value: Any) -> None:
-    with pytest.raises(ValueRefusedError, match="^fx_px must ") as caught:
+    with pytest.raises(ValueRefusedError, match=r"^fx_px must ") as caught:
         finite("fx_px", value, ())
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 200

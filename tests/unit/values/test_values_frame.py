@@ -66,6 +66,15 @@ def test_disparity_map_is_read_only_and_keeps_unknown() -> None:
     mine[0, 0] = 3
 
 
+def test_cells_are_centred_between_their_pixels() -> None:
+    d_px = np.array([[1, 2, 3], [4, np.nan, 6]], np.float32)
+    coarse = DisparityMap(d_px, 0.4, cell_px=4).uvd_px
+    # The first cell covers the columns 0 1 2 3: its centre is 1.5; the next 4 5 6 7: 5.5.
+    np.testing.assert_array_equal(coarse[1], [[1.5, 5.5, 4], [5.5, 5.5, np.nan], [9.5, 5.5, 6]])
+    dense = DisparityMap(d_px, 0.4).uvd_px
+    np.testing.assert_array_equal(dense[0], [[0, 0, 1], [1, 0, 2], [2, 0, 3]])
+
+
 def test_true_disparities_have_no_noise() -> None:
     assert DisparityMap(np.zeros((1, 1), np.float32), 0.0).sigma_px == 0
 
@@ -78,6 +87,7 @@ def test_true_disparities_have_no_noise() -> None:
         (np.zeros((2, 2), np.float32), -0.1, 1, "sigma_px must be >= 0"),
         (np.zeros((2, 2), np.float32), np.nan, 1, "sigma_px must be finite"),
         (np.zeros((2, 2), np.float32), 0.4, 0, "cell_px must be a whole number >= 1"),
+        (np.zeros((2, 2), np.float32), 0.4, np.nan, "cell_px must be a whole number >= 1"),
         (np.zeros((2, 2), np.float32), 0.4, 2.5, "cell_px must be a whole number >= 1"),
     ],
 )

@@ -15,6 +15,7 @@ from roadblock.values.scene import (
     GroundPlane,
     Health,
     Obstacle,
+    Region,
 )
 
 UP = np.array([0.0, -1.0, 0.0])
@@ -72,6 +73,15 @@ def test_a_positive_bend_is_a_road_that_rises_ahead() -> None:
     assert plane.height_of(on_road - [0, 0.35, 0]) == pytest.approx(0.35, abs=1e-12)
 
 
+@pytest.mark.parametrize(("x", "z"), [(0, 0), (1.3, 12), (-4, 33)])
+def test_the_point_below_lies_on_the_road(x: float, z: float) -> None:
+    assert GroundPlane(UP, 1.5, 1e-3).point_below(x, z)[1] == pytest.approx(1.5 - 1e-3 * z * z, abs=1e-12)
+    plane = GroundPlane(turned(0.05, -0.03), 1.5, 1e-3)
+    point = plane.point_below(x, z)
+    assert (point[0], point[2]) == (x, z)
+    assert plane.height_of(point) == pytest.approx(0, abs=1e-12)
+
+
 def test_ground_owns_its_normal() -> None:
     mine = UP.copy()
     plane = GroundPlane(mine, 1.4)
@@ -118,6 +128,24 @@ def test_free_space_is_owned_and_keeps_unknown() -> None:
 def test_free_space_refuses(u: Any, reach: Any) -> None:
     with pytest.raises(ValueRefusedError, match="must"):
         FreeSpace(u, reach)
+
+
+def region(sigma_d_px: float = 0.2) -> Region:
+    contour, surface = np.zeros((3, 2), np.int32), np.full((4, 3), np.nan)
+    return Region((3, 4, 9, 12), contour, surface, sigma_d_px, np.zeros(3))
+
+
+def test_a_region_cannot_be_changed() -> None:
+    value = region()
+    for array in (value.contour_px, value.surface_uvd_px, value.color_rgb):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+
+
+@pytest.mark.parametrize(("sigma", "words"), [(0, "must be > 0"), (np.nan, "must be finite")])
+def test_a_region_states_its_noise(sigma: float, words: str) -> None:
+    with pytest.raises(ValueRefusedError, match=f"sigma_d_px {words}"):
+        region(sigma)
 
 
 def obstacle(**change: Any) -> Obstacle:

@@ -56,7 +56,11 @@ def test_unobserved_sectors_are_hatched_and_never_green():
 
 
 @pytest.mark.parametrize(
-    "free", [FreeSpace(np.arange(3.5, 641, 8), np.full(80, math.nan)), FreeSpace(np.zeros(0), np.zeros(0))]
+    "free",
+    [
+        FreeSpace(np.zeros(0), np.zeros(0)),
+        *(FreeSpace(np.arange(3.5, 641, 8), np.full(80, r)) for r in (math.nan, math.inf, 0.0, -9.0)),
+    ],
 )
 def test_nothing_observed_shows_no_green(free):
     picture = draw(rig_of(641, 363), free_space=free)
