@@ -1,6 +1,7 @@
 """Settings: each stage's own settings, composed, from TOML and from the command line."""
 
 import difflib
+import reprlib
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -20,7 +21,7 @@ from roadblock.stages.segment import SegmentSettings
 class Settings(BaseModel):
     """Everything that can be set, one section a stage."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     detector: str = Field("dense", description="Entry of DETECTORS, or package.module:factory.")
     rectify: RectifySettings = RectifySettings()
@@ -58,21 +59,21 @@ def make_settings(values: Mapping[str, Any]) -> Settings:
     try:
         return Settings.model_validate(values)
     except ValidationError as error:
-        raise SettingsError(_first_problem(error)) from error
+        raise SettingsError(" ".join(_first_problem(error).split())) from error
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text("utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise SettingsError(f"{path}: cannot be read as TOML settings: {error}") from error
 
 
 def _parse(text: str) -> Any:
-    """Read a value as YAML does, so that 3, 0.5, true, [1, 2] and words need no quotes."""
+    """Read a value as YAML does, so that 3, 0.5, true, [1, 2] and words need no quotes; what is no YAML is a word."""
     try:
         return yaml.safe_load(text)
-    except yaml.YAMLError:
+    except (yaml.YAMLError, ValueError, RecursionError):
         return text
 
 
@@ -84,7 +85,8 @@ def _first_problem(error: ValidationError) -> str:
         known = _known_keys(location[:-1])
         nearest = difflib.get_close_matches(location[-1], known, 1, 0.0)
         return f"unknown setting {name}: did you mean {'.'.join([*location[:-1], *nearest])}? Known: {', '.join(known)}"
-    return f"setting {name} = {problem['input']!r:.60}: {problem['msg']}"
+    # reprlib stops early, however deep a hostile value is nested.
+    return f"setting {name} = {reprlib.repr(problem['input'])}: {problem['msg'].removeprefix('Value error, ')}"
 
 
 def _known_keys(sections: list[str]) -> list[str]:

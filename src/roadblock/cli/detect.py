@@ -32,7 +32,8 @@ class Tally:
     """What a run has seen so far."""
 
     frames: int = 0
-    interrupted: bool = False
+    interrupted: bool = True
+    """Whether the source's end was not reached."""
     nearest: list[tuple[str, Obstacle]] = field(default_factory=list)
     troubles: Counter[str] = field(default_factory=Counter)
 
@@ -42,7 +43,7 @@ class Tally:
         if is_sequence:
             self.nearest.clear()
         self.nearest += [(result.name, obstacle) for obstacle in result.obstacles]
-        self.troubles.update(reason.partition("(")[0].strip() for reason in result.health.reasons)
+        self.troubles.update(reason.partition(":")[0] for reason in result.health.reasons)
 
 
 def detect(
@@ -68,10 +69,7 @@ def detect(
     resolved = load_settings(settings, [*chosen, *(assignments or [])])
     cameras = None if rig is None else open_rig(rig, rig_format, unit, size)
     opened = open_source(source, rig=cameras, kind=kind, gray=gray)
-    tally = run(opened, source, resolved, out, overlay)
-    report(opened, tally, out)
-    if tally.interrupted:
-        raise typer.Exit(INTERRUPTED)
+    report(opened, run(opened, source, resolved, out, overlay), out)
 
 
 def run(source: StereoSource, spec: str, settings: Settings, out: Path | None, overlay: bool) -> Tally:
@@ -93,12 +91,13 @@ def run(source: StereoSource, spec: str, settings: Settings, out: Path | None, o
                 result, rectified = pipeline.step(pair)
                 if results is not None:
                     results.write(result)
+                tally.add(result, source.is_sequence)  # before the slow drawing: its line is written
                 if pictures is not None:
                     pictures.write(rectified.left, result, pipeline.rectification)
-                tally.add(result, source.is_sequence)
                 progress.update(task, advance=1, found=summarize(result))
+            tally.interrupted = False
         except KeyboardInterrupt:
-            tally.interrupted = True
+            pass  # the record and the report say so
         finally:
             if out is not None:
                 write_run(out / RUN, _record(source, spec, settings, pipelines, started, tally))
@@ -106,7 +105,7 @@ def run(source: StereoSource, spec: str, settings: Settings, out: Path | None, o
 
 
 def report(source: StereoSource, tally: Tally, out: Path | None) -> None:
-    """Print what was found, what was wrong, and where the files are."""
+    """Print what was found, what was wrong, and where the files are; leave with 130 after Ctrl-C."""
     if tally.nearest:
         where = "in the last frame" if source.is_sequence else f"in {frames(tally.frames)}"
         show_nearest(f"{source.name}: the nearest obstacles {where}", tally.nearest)
@@ -120,6 +119,8 @@ def report(source: StereoSource, tally: Tally, out: Path | None) -> None:
         note(f"interrupted after {frames(tally.frames)}; what was written is whole")
     if out is not None:
         say(f"results: {out}")
+    if tally.interrupted:
+        raise typer.Exit(INTERRUPTED)
 
 
 def _overlay_sink(source: StereoSource, out: Path, stack: ExitStack) -> OverlaySink:
@@ -141,6 +142,7 @@ def _progress() -> Progress:
         TextColumn("{task.fields[found]}"),
         console=err,
         transient=True,
+        disable=not err.is_terminal,  # in a file or a pipe it would leave an empty line
     )
 
 

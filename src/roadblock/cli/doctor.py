@@ -1,6 +1,7 @@
 """`roadblock doctor`: whether this installation, and a rig file, are sound."""
 
 import importlib.metadata
+import importlib.util
 import os
 import platform
 import re
@@ -21,6 +22,12 @@ from roadblock.errors import RoadblockError
 from roadblock.io.machine import package_commit
 from roadblock.io.rig import describe_rig
 
+THREADING = {
+    "tbb": "numba.np.ufunc.tbbpool",
+    "omp": "numba.np.ufunc.omppool",
+    "workqueue": "numba.np.ufunc.workqueue",
+}
+"""Threading layers and the modules that carry them."""
 Row = tuple[str, str, str]
 """(ok, missing or FAIL; what; finding)."""
 
@@ -63,8 +70,10 @@ def _opencv() -> Iterator[Row]:
 
 def _numba() -> Iterator[Row]:
     folder = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(roadblock.__file__).parent)
-    layer = os.environ.get("NUMBA_THREADING_LAYER", "default")
-    yield "ok", "numba", f"{numba.__version__}, {numba.get_num_threads()} threads, threading layer {layer}"
+    layers = [name for name, module in THREADING.items() if importlib.util.find_spec(module)]
+    chosen = os.environ.get("NUMBA_THREADING_LAYER", "default")
+    yield "ok", "numba", f"{numba.__version__}, {numba.get_num_threads()} threads"
+    yield "ok", "numba threading", f"{chosen}; this installation has {', '.join(layers)}"
     try:
         with tempfile.TemporaryFile(dir=folder):
             yield "ok", "numba cache", f"kept beside the code in {folder}"

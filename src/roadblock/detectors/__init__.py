@@ -23,7 +23,8 @@ def make_detector(settings: Settings) -> Detector:
     Raises
     ------
     SettingsError
-        If there is none of that name, or a "package.module:factory" cannot be imported.
+        If there is none of that name, a "package.module:factory" cannot be imported, or what it makes is no
+        detector.
     """
     name = settings.detector
     if name in DETECTORS:
@@ -37,6 +38,8 @@ def make_detector(settings: Settings) -> Detector:
         )
     try:
         made: Detector = getattr(importlib.import_module(module), factory)(settings)
-    except (ImportError, AttributeError, ValueError) as error:
+    except (ImportError, AttributeError, SyntaxError, TypeError, ValueError) as error:
         raise SettingsError(f"detector {name!r} cannot be loaded: {error}") from error
+    if not callable(made):
+        raise SettingsError(f"detector {name!r}: the factory must return a function of a pair, but returned {made!r}")
     return made

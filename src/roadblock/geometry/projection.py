@@ -220,7 +220,8 @@ def _start(camera: Camera, goal: FloatArray, reach: float) -> FloatArray:
     num, den = _radial(camera.lens, camera.distortion)
     length = np.hypot(goal[:, 0], goal[:, 1])
     t = np.linspace(0, 1 - 1e-9, 1024)
-    r = reach * t if np.isfinite(reach) else t / (1.001 - t)
+    end = min(reach, 1000.0)
+    r = end * t / (1 + end * (1 - t))  # even steps to a near fold, ever longer ones to a far one
     curve = r * num(r * r) / den(r * r)
     rising = np.maximum.accumulate(np.where(np.isfinite(curve), curve, 0.0))
     found = np.interp(length, rising, r)

@@ -6,7 +6,7 @@ only the last fit is in metres.
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, field_validator
 
 from roadblock.geometry.stereo import triangulate
 from roadblock.values.camera import Rectification
@@ -24,18 +24,25 @@ POLISHED = 10
 class GroundSettings(BaseModel):
     """What a road may look like."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    height_m: tuple[float, float] = Field((0.2, 4.0), description="Lowest and highest camera over the road.")
+    height_m: tuple[PositiveFloat, PositiveFloat] = Field((0.2, 4.0), description="Lowest and highest above the road.")
     pitch_deg: float = Field(15.0, gt=0, lt=60, description="Largest pitch, up or down.")
     roll_deg: float = Field(8.0, gt=0, lt=60, description="Largest roll, either side.")
-    draws: int = Field(400, ge=10, description="Planes tried.")
+    draws: int = Field(400, ge=10, le=5000, description="Planes tried.")
     near_m: float = Field(35.0, gt=0, description="The plane is fitted up to here, ...")
     far_m: float = Field(50.0, gt=0, description="... the bend up to here.")
     side_m: float = Field(6.0, gt=0, description="Sideways reach of the fit.")
     tolerance_px: float = Field(1.0, gt=0, description="Disparity noise of a point on the road.")
     tolerance_m: float = Field(0.10, gt=0, description="Unevenness of a road.")
     minimum_cells: int = Field(100, ge=10, description="Fewer cells than this are no road.")
+
+    @field_validator("height_m")
+    @classmethod
+    def _rises(cls, limits: tuple[float, float]) -> tuple[float, float]:
+        if limits[0] >= limits[1]:
+            raise ValueError("the first must be below the second")
+        return limits
 
 
 def fit_ground(
@@ -96,11 +103,7 @@ def _draw_plane(
     A = np.stack([np.ones(triples.shape[:2]), triples[..., 2], triples[..., 0]], -1)
     usable = np.abs(np.linalg.det(A)) > 1e-3
     planes = np.linalg.solve(A[usable], triples[usable][..., 1:2])[..., 0]
-    low, high = settings.height_m
-    fits = (planes[:, 0] > low) & (planes[:, 0] < high)
-    fits &= np.abs(planes[:, 1]) < np.tan(np.radians(settings.pitch_deg))
-    fits &= np.abs(planes[:, 2]) < np.tan(np.radians(settings.roll_deg))
-    planes = planes[fits]
+    planes = planes[_is_allowed(planes, settings)]
     if not len(planes):
         return None
     score, _ = _support(planes, p, m, r, settings)
@@ -112,6 +115,12 @@ def _draw_plane(
     score, on = _support(best, p, m, r, settings)
     winner = int(np.argmax(score))
     return best[winner] if on[winner].sum() >= settings.minimum_cells else None
+
+
+def _is_allowed(planes: FloatArray, settings: GroundSettings) -> NDArray[np.bool_]:
+    low, high = settings.height_m
+    slopes = np.tan(np.radians([settings.pitch_deg, settings.roll_deg]))
+    return np.asarray((planes[:, 0] > low) & (planes[:, 0] < high) & (np.abs(planes[:, 1:]) < slopes).all(1))
 
 
 def _support(
@@ -148,6 +157,8 @@ def _refine(points: FloatArray, plane: FloatArray, settings: GroundSettings) -> 
         if on.sum() < settings.minimum_cells:
             return None
         plane = _least_squares(points, on, plane)
+    if not _is_allowed(plane[None], settings)[0]:
+        return None
     bent = _bend(A, y, np.r_[plane, 0.0], settings)
     on = np.abs(y - A @ bent) < settings.tolerance_m
     h, s, t = plane

@@ -12,9 +12,9 @@ from roadblock.values.scene import Detections, Health
 class HealthSettings(BaseModel):
     """When a frame is called degraded or failed."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    matched_share: float = Field(0.35, ge=0, le=1, description="Less of the image matched is degraded.")
+    matched_share: float = Field(0.25, ge=0, le=1, description="Less of the image matched is degraded.")
     failed_share: float = Field(0.10, ge=0, le=1, description="Less than this is failed.")
 
 
@@ -23,7 +23,7 @@ def judge(found: Detections, settings: HealthSettings) -> Health:
     reasons = []
     share = found.matched_share
     if share < settings.matched_share:
-        reasons.append(f"only {share:.0%} of the image could be matched (dark, covered, or the rig has moved)")
+        reasons.append(f"little of the image could be matched: {share:.0%} (dark, covered, or the rig has moved)")
     if found.ground is None:
         reasons.append("no road found")
     state = "failed" if share < settings.failed_share else "degraded" if reasons else "ok"
@@ -32,13 +32,16 @@ def judge(found: Detections, settings: HealthSettings) -> Health:
 
 def looks_swapped(pair: RectifiedPair) -> bool:
     """Whether left and right were exchanged: far more of the pair matches the other way round."""
+    height, width = pair.left.shape[:2]
+    if height < 32 or width < 162:
+        return False
     left, right = (_small_gray(image) for image in (pair.left, pair.right))
     matcher = cv2.StereoBM.create(64, 15)
 
     def share(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
         return float((matcher.compute(a, b) > 0).mean())
 
-    return min(left.shape) > 15 and left.shape[1] > 80 and share(right, left) > 1.5 * share(left, right) + 0.05
+    return share(right, left) > 1.5 * share(left, right) + 0.05
 
 
 def _small_gray(image: Image) -> NDArray[np.uint8]:

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from roadblock.values.frame import DisparityMap, Image, RectifiedPair
 
@@ -18,13 +18,13 @@ UNITS_PER_PX = 16
 class MatchSettings(BaseModel):
     """How disparities are found."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    matcher: str = Field("sgbm", description="Entry of MATCHERS: sgbm or bm.")
+    matcher: Literal["sgbm", "bm"] = Field("sgbm", description="Entry of MATCHERS.")
     disparities: int = Field(
         128, ge=16, le=1024, multiple_of=16, description="Search range in px; the nearest range is f*B/this."
     )
-    block_px: int = Field(3, ge=1, le=51, description="Width of the matching window (odd; BM needs >= 5).")
+    block_px: int = Field(3, ge=1, le=21, description="Width of the matching window (odd; BM takes at least 5).")
     mode: Literal["hh4", "hh", "sgbm", "3way"] = Field(
         "hh4",
         description="Paths of SGBM. 3way and sgbm look one way only and bend slanted roads by 0.1 to 0.3 px.",
@@ -32,6 +32,13 @@ class MatchSettings(BaseModel):
     uniqueness_percent: int = Field(10, ge=0, le=100, description="Margin of the winner over the second best.")
     speckle_px: int = Field(100, ge=0, description="Islands of disparity smaller than this are dropped.")
     sigma_px: float = Field(0.5, gt=0, description="One standard deviation of one disparity.")
+
+    @field_validator("block_px")
+    @classmethod
+    def _is_odd(cls, block_px: int) -> int:
+        if block_px % 2 == 0:
+            raise ValueError("must be odd")
+        return block_px
 
 
 Matcher = Callable[[Gray, Gray, MatchSettings], NDArray[np.int16]]
@@ -76,8 +83,11 @@ def match_sgbm(left: Gray, right: Gray, settings: MatchSettings) -> NDArray[np.i
 
 
 def match_bm(left: Gray, right: Gray, settings: MatchSettings) -> NDArray[np.int16]:
-    """OpenCV's block matching."""
-    matcher = cv2.StereoBM.create(settings.disparities, max(5, settings.block_px) | 1)
+    """OpenCV's block matching, which takes windows of 5 px and more; nothing is matched where none fits."""
+    block_px = max(5, settings.block_px)
+    if min(left.shape) < block_px:
+        return np.full(left.shape, -UNITS_PER_PX, np.int16)
+    matcher = cv2.StereoBM.create(settings.disparities, block_px)
     matcher.setUniquenessRatio(settings.uniqueness_percent)
     matcher.setSpeckleWindowSize(settings.speckle_px)
     matcher.setSpeckleRange(1)

@@ -3,23 +3,28 @@
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, PositiveInt
 
-from roadblock.errors import RigError, SourceError
+from roadblock.errors import RigError, SettingsError, SourceError
 from roadblock.geometry.projection import project, unproject
 from roadblock.geometry.stereo import rectifying_rotations
 from roadblock.values.camera import Camera, Rectification, StereoRig
-from roadblock.values.checks import FloatArray
+from roadblock.values.checks import LARGEST_IMAGE_PX, FloatArray
 from roadblock.values.frame import Image, RectifiedPair, StereoPair
+
+LARGEST_PX = 2**25
+"""Pixels of a rectified image: beyond it the settings are wrong, and the maps would not fit into memory."""
 
 
 class RectifySettings(BaseModel):
     """What the rectified cameras look like."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    f_px: float | None = Field(None, gt=0, description="Focal length; chosen to fill the width if not given.")
-    size_px: tuple[int, int] | None = Field(None, description="Image size; chosen to show what both see.")
+    f_px: float | None = Field(None, gt=0, lt=1e6, description="Focal length; chosen to fill the width if not given.")
+    size_px: tuple[PositiveInt, PositiveInt] | None = Field(
+        None, description="Width and height; chosen to show what both see if not given."
+    )
     view_deg: float = Field(120.0, gt=0, lt=175, description="Widest horizontal view cut from a fisheye.")
 
 
@@ -27,15 +32,17 @@ def plan_rectification(rig: StereoRig, settings: RectifySettings | None = None) 
     """Choose the twin cameras of a rig and the maps that lead there.
 
     The twins show the largest upright rectangle that both cameras see, as wide in pixels as the raw image. A rig
-    that is already rectified keeps its images untouched.
+    that is already rectified keeps its images untouched, unless the settings ask for another focal length or size.
 
     Raises
     ------
     RigError
         If the two cameras share no view.
+    SettingsError
+        If the settings make the rectified images too large, or smaller than a pixel.
     """
     settings = settings or RectifySettings()
-    if rig.is_rectified:
+    if rig.is_rectified and settings.f_px is None and settings.size_px is None:
         c = rig.left
         return Rectification(c.fx_px, c.cx_px, c.cy_px, rig.baseline_m, c.size_px)
     R_left, R_right = rectifying_rotations(rig.T_left_right)
@@ -45,8 +52,13 @@ def plan_rectification(rig: StereoRig, settings: RectifySettings | None = None) 
     x1, y1 = np.minimum(windows[0][2:], windows[1][2:])
     if not (x1 - x0 > 0.05 and y1 - y0 > 0.05):
         raise RigError("the two cameras share no view after rectification: check the relative rotation of the rig")
-    f_px = settings.f_px or rig.left.size_px[0] / (x1 - x0)
+    f_px = settings.f_px or (settings.size_px or rig.left.size_px)[0] / (x1 - x0)
     width, height = settings.size_px or (round(f_px * (x1 - x0)), round(f_px * (y1 - y0)))
+    if min(width, height) < 1 or max(width, height) > LARGEST_IMAGE_PX or width * height > LARGEST_PX:
+        raise SettingsError(
+            f"the rectified images would be {width}x{height}, but must have 1 to {LARGEST_PX} pixels and no side over "
+            f"{LARGEST_IMAGE_PX}: set another rectify.f_px or rectify.size_px"
+        )
     cx_px, cy_px = (width - 1) / 2 - f_px * (x0 + x1) / 2, (height - 1) / 2 - f_px * (y0 + y1) / 2
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     rays = np.stack([(u - cx_px) / f_px, (v - cy_px) / f_px, np.ones(u.shape)], -1)

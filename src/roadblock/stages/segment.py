@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -32,7 +32,7 @@ LINKS = 16.0
 class SegmentSettings(BaseModel):
     """What counts as standing on the road, and what belongs together."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     height_m: tuple[float, float] = Field((0.35, 4.0), description="Heights over the road that make an obstacle.")
     overhead_m: float = Field(1.0, gt=0, description="What begins higher than this hangs over the road.")
@@ -40,12 +40,19 @@ class SegmentSettings(BaseModel):
     link_m: float = Field(0.5, gt=0, description="Neighbours this close in range belong together, ...")
     link_px: float = Field(0.6, gt=0, description="... or this close in disparity.")
     gap_cells: int = Field(3, ge=1, le=8, description="Holes smaller than this are bridged.")
-    split_m: float = Field(8.0, gt=0, description="What is longer in depth (hedges, rails) is cut into pieces.")
+    split_m: float = Field(8.0, ge=0.5, description="What is longer in depth (hedges, rails) is cut into pieces.")
     area_px: float = Field(250.0, ge=0, description="Smaller regions are dropped.")
     locking_px: float = Field(0.25, gt=0, description="Disparity error a whole region shares (pixel locking).")
     free_height_m: tuple[float, float] = Field((0.25, 2.5), description="Heights that end free space.")
     free_support: int = Field(8, ge=1, description="Cells that end a column's free space.")
     free_gap_m: float = Field(1.0, gt=0, description="A hole that could hide this height ends free space.")
+
+    @field_validator("height_m", "free_height_m")
+    @classmethod
+    def _rises(cls, limits: tuple[float, float]) -> tuple[float, float]:
+        if limits[0] >= limits[1]:
+            raise ValueError("the first must be below the second")
+        return limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +95,8 @@ def find_free_space(
     together, or where the road was last seen, or before a hole that could hide something of `free_gap_m`. NaN where
     none of these was observed, and everywhere without a ground.
     """
-    u_px = surface.uvd[0, :, 0]
+    columns = surface.uvd.shape[1]
+    u_px = surface.cell_px * np.arange(columns, dtype=float) + (surface.cell_px - 1) / 2
     if ground is None:
         return FreeSpace(u_px, np.full(len(u_px), np.nan))
     z, h = surface.points[..., 2], surface.height_m
@@ -96,10 +104,10 @@ def find_free_space(
     with np.errstate(invalid="ignore"):
         standing = np.sort(_neighbourhood(np.where((h > low) & (h < high), z, np.inf)), axis=1)
         road = np.sort(_neighbourhood(np.where(np.abs(h) < ROAD_M, z, -np.inf)), axis=1)
-        k = settings.free_support
+        k = min(settings.free_support, standing.shape[1])
         first, last = standing[:, : 1 - k or None], standing[:, k - 1 :]
         supported = last - first <= np.maximum(0.5, 0.05 * first)
-    column = np.arange(len(u_px))
+    column = np.arange(columns)
     # The second of the supporting cells: the first may be a stray one.
     obstacle = np.where(supported.any(1), standing[column, supported.argmax(1) + min(1, k - 1)], np.inf)
     seen = np.where(road[:, -4] > 0, road[:, -4], np.nan)
@@ -174,6 +182,8 @@ def find_regions(
         stands = z < settings.reach_m
         if ground is not None:
             stands &= (h > low) & (h < high)
+    if not stands.any():
+        return ()
     labels = _link(stands, z, surface.uvd[..., 2], settings)
     cells = [
         piece
@@ -206,8 +216,8 @@ def _link(stands: Mask, z: FloatArray, d_px: FloatArray, settings: SegmentSettin
     pairs = []
     straight = range(1, settings.gap_cells + 1)
     for dv, du in [(0, k) for k in straight] + [(k, 0) for k in straight] + [(1, 1), (1, -1)]:
-        a = (slice(0, rows - dv), slice(max(0, -du), columns - max(0, du)))
-        b = (slice(dv, rows), slice(max(0, du), columns + min(0, du)))
+        a = (slice(0, max(0, rows - dv)), slice(max(0, -du), max(0, columns - max(0, du))))
+        b = (slice(dv, rows), slice(max(0, du), max(0, columns + min(0, du))))
         with np.errstate(invalid="ignore"):
             near = np.abs(z[a] - z[b]) < settings.link_m
             near |= np.abs(d_px[a] - d_px[b]) < settings.link_px

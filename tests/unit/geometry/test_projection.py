@@ -207,6 +207,26 @@ def test_a_tilted_lens_never_answers_with_another_point() -> None:
     np.testing.assert_allclose(rays, truth, rtol=0, atol=1e-9)
 
 
+def flattest_slope(camera: Camera, radius: float) -> float:
+    """The smallest eigenvalue of the lens's own Jacobian on a circle of its plane."""
+    angle = np.linspace(0, 2 * np.pi, 721)
+    points = np.c_[radius * np.cos(angle), radius * np.sin(angle), np.ones(721)]
+    J = project_jacobian(camera, points)[:, :, :2] / [[camera.fx_px], [camera.fy_px]]
+    return float(np.linalg.eigvalsh(J).min())
+
+
+def test_a_tilted_lens_may_first_fold_in_a_slanting_direction() -> None:
+    # A curve that creeps along g' = 6 |p| r: both g' and g / r stay positive, yet a direction between them folds.
+    k1, k2, k3, k4, k5, k6 = 69.0, 300.0, 79.0, 17.0, 20.0, 0.4
+    r = np.linspace(1e-3, 1, 4000)
+    num, den = 1 + k1 * r**2 + k2 * r**4 + k3 * r**6, 1 + k4 * r**2 + k5 * r**4 + k6 * r**6
+    p = 0.9999 * (np.gradient(r * num / den, r) / (6 * r))[1:-1].min()
+    camera = Camera(SIZE, 71.0, 64.0, 43.3, 33.9, "brown_conrady", [k1, k2, 0.6 * p, 0.8 * p, k3, k4, k5, k6])
+    fold = fold_radius(camera)
+    assert all(flattest_slope(camera, radius) > 0 for radius in fold * np.linspace(0.01, 0.999, 100))
+    assert fold < 0.99
+
+
 def test_beyond_the_fold_is_nan() -> None:
     # r - 0.25 r^3 stops growing at r = sqrt(1 / 0.75); without the guard a point at r = 2 lands on the centre.
     camera = Camera(SIZE, 71.0, 64.0, 43.3, 33.9, "brown_conrady", [-0.25, 0, 0, 0, 0])
@@ -231,6 +251,14 @@ def test_a_pole_of_the_rational_lens_is_a_fold() -> None:
     camera = Camera(SIZE, 71.0, 64.0, 43.3, 33.9, "brown_conrady", [0, 0, 0, 0, 0, -0.5, 0, 0])
     assert fold_radius(camera) == pytest.approx(np.sqrt(2), rel=1e-9)
     assert np.isnan(project(camera, [1.5, 0, 1])).all()
+
+
+@pytest.mark.parametrize("tiny", [-1e-9, -1e-100, -4e-311])
+def test_a_fold_far_outside_the_image_changes_nothing_in_it(tiny: float) -> None:
+    k = [-0.01, 0, 0, 0, 0.0016, 0, 0, 0]
+    plain = Camera(SIZE, 71.0, 64.0, 43.3, 33.9, "brown_conrady", k)
+    far = Camera(SIZE, 71.0, 64.0, 43.3, 33.9, "brown_conrady", [*k[:7], tiny])
+    np.testing.assert_allclose(unproject(far, grid(far)), unproject(plain, grid(plain)), rtol=0, atol=1e-7)
 
 
 @pytest.mark.parametrize("lens", ["brown_conrady", "kannala_brandt"])

@@ -8,6 +8,7 @@ from roadblock.errors import ValueRefusedError
 from roadblock.values.scene import FreeSpace, Health
 from roadblock.viz.colors import INK, STATE
 from roadblock.viz.overlay import draw_overlay, view_scale
+from roadblock.viz.text import text_width
 
 
 @pytest.mark.parametrize(
@@ -51,15 +52,19 @@ def test_a_failed_frame_is_drawn(rig, image):
 
 def test_header_shows_the_state_in_its_colour(rig, image):
     for state, color in STATE.items():
-        header = draw_overlay(image, result_of(rig, health=Health(state)), rig)[:20]
-        assert (header == color).all(axis=-1).any()
+        header = draw_overlay(image, result_of(rig, health=Health(state)), rig)[:20].astype(int)
+        # Thin smoothed strokes may not reach the full colour, but come nearer to it than to the other states'.
+        nearest = {other: np.abs(header - ink).sum(axis=-1).min() for other, ink in STATE.items()}
+        assert min(nearest, key=lambda other: nearest[other]) == state, (color, nearest)
 
 
 def test_header_texts_do_not_run_into_each_other(rig, image):
     result = result_of(rig, obstacle_at(rig, 0, 8.0), obstacle_at(rig, 2, 9.0), name="n" * 400)
     short, long = (draw_overlay(image, r, rig)[:26] for r in (result_of(rig), result))
     blank = (long == INK).all(axis=-1).all(axis=0)
-    right = short.shape[1] - 81  # "ok   12 ms" begins here, whatever stands left of it
+    text_px = 13
+    # "ok   12 ms" begins here, whatever stands left of it.
+    right = short.shape[1] - 2 * text_px - text_width("ok", text_px) - text_width("12 ms", text_px)
     assert np.array_equal(short[:, right:], long[:, right:])
     assert blank[right - 8 : right].all()
     assert not blank[: right - 20].all()
