@@ -86,7 +86,7 @@ def _first_problem(error: ValidationError) -> str:
         nearest = difflib.get_close_matches(location[-1], known, 1, 0.0)
         return f"unknown setting {name}: did you mean {'.'.join([*location[:-1], *nearest])}? Known: {', '.join(known)}"
     # reprlib stops early, however deep a hostile value is nested.
-    return f"setting {name} = {reprlib.repr(problem['input'])}: {problem['msg'].removeprefix('Value error, ')}"
+    return f"setting {name} = {reprlib.repr(problem['input']):.60}: {problem['msg'].removeprefix('Value error, ')}"
 
 
 def _known_keys(sections: list[str]) -> list[str]:

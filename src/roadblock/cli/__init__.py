@@ -1,6 +1,7 @@
 """The command line: the only place where all rooms meet. Errors become one line and exit code 2 here."""
 
 import sys
+from io import TextIOWrapper
 from typing import Annotated
 
 import typer
@@ -43,6 +44,8 @@ def roadblock_options(
 
 def main() -> None:
     """Run the command line; a `RoadblockError` becomes one line on stderr and exit code 2."""
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # what the terminal cannot show must not end a run
     try:
         app()
     except RoadblockError as error:

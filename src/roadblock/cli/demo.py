@@ -12,7 +12,7 @@ from roadblock.cli.detect import report, run
 from roadblock.cli.terminal import err, say, show_table
 from roadblock.config import Settings
 from roadblock.errors import OutputError
-from roadblock.io.results import OVERLAY
+from roadblock.io.results import OVERLAY, prepare_folder
 from roadblock.io.rig import write_rig
 from roadblock.io.sources import open_source
 from roadblock.sim.drive import truth_record
@@ -24,9 +24,10 @@ from roadblock.values.scene import Obstacle
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the recording and the results.")] = Path("roadblock-demo"),
-    seed: Annotated[int, typer.Option(help="Of textures, houses, trees and noise.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Of textures, houses, trees and noise.", min=0, max=999_999)] = 0,
 ) -> None:
     """Render a street with known distances, find its obstacles, and compare."""
+    prepare_folder(out / "results")
     with err.status("rendering the street (the first time compiles the renderer, about half a minute)"):
         street = render(demo_street(seed), paper_rig(), seed=seed, name="000000")
     recording = out / "recording"

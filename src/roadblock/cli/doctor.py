@@ -75,8 +75,9 @@ def _numba() -> Iterator[Row]:
     yield "ok", "numba", f"{numba.__version__}, {numba.get_num_threads()} threads"
     yield "ok", "numba threading", f"{chosen}; this installation has {', '.join(layers)}"
     try:
+        folder.mkdir(parents=True, exist_ok=True)  # as numba would
         with tempfile.TemporaryFile(dir=folder):
-            yield "ok", "numba cache", f"kept beside the code in {folder}"
+            yield "ok", "numba cache", f"kept in {folder}"
     except OSError:
         yield (
             "missing",

@@ -15,28 +15,34 @@ NEAREST = 12
 """Rows of the table of obstacles."""
 
 
+def _safe(text: str) -> str:
+    """Return `text` with what steers a terminal, as a hostile file's name may hold it, replaced by '?'."""
+    return "".join(sign if sign.isprintable() else "?" for sign in text)
+
+
 def fail(message: str) -> None:
     """Print one line about what went wrong."""
-    err.print(Text("error: ", style="bold red").append(" ".join(message.split()), style="default"), soft_wrap=True)
+    line = _safe(" ".join(message.split()))
+    err.print(Text("error: ", style="bold red").append(line, style="default"), soft_wrap=True)
 
 
 def note(message: str) -> None:
     """Print one line worth knowing."""
-    err.print(Text("note: ", style="yellow").append(message, style="default"), soft_wrap=True)
+    err.print(Text("note: ", style="yellow").append(_safe(message), style="default"), soft_wrap=True)
 
 
 def say(message: str) -> None:
     """Print one line of result; it may be as long as it needs."""
-    out.print(Text(message), soft_wrap=True)
+    out.print(Text(_safe(message)), soft_wrap=True)
 
 
 def show_table(title: str, columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     """Print a table; a column whose name starts with `>` is aligned to the right."""
-    table = Table(title=title, title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False)
+    table = Table(title=Text(_safe(title)), title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False)
     for column in columns:
         table.add_column(column.lstrip(">"), justify="right" if column.startswith(">") else "left")
     for row in rows:
-        table.add_row(*(Text(cell) for cell in row))
+        table.add_row(*(Text(_safe(cell)) for cell in row))
     out.print(table)
 
 

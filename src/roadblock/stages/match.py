@@ -14,6 +14,9 @@ Gray = NDArray[np.uint8]
 UNITS_PER_PX = 16
 """OpenCV's disparities are int16 in sixteenths of a pixel; this coding stays inside this file."""
 
+BLANK_PX, BLANK_STEP = 15, 0.2
+"""A window of this size whose mean step is below this many grey levels is blank: even sensor noise makes more."""
+
 
 class MatchSettings(BaseModel):
     """How disparities are found."""
@@ -85,7 +88,7 @@ def match_sgbm(left: Gray, right: Gray, settings: MatchSettings) -> NDArray[np.i
 def match_bm(left: Gray, right: Gray, settings: MatchSettings) -> NDArray[np.int16]:
     """OpenCV's block matching, which takes windows of 5 px and more; nothing is matched where none fits."""
     block_px = max(5, settings.block_px)
-    if min(left.shape) < block_px:
+    if min(left.shape) <= block_px:
         return np.full(left.shape, -UNITS_PER_PX, np.int16)
     matcher = cv2.StereoBM.create(settings.disparities, block_px)
     matcher.setUniquenessRatio(settings.uniqueness_percent)
@@ -93,6 +96,12 @@ def match_bm(left: Gray, right: Gray, settings: MatchSettings) -> NDArray[np.int
     matcher.setSpeckleRange(1)
     matcher.setDisp12MaxDiff(1)
     return np.asarray(matcher.compute(left, right))
+
+
+def _is_blank(gray: Gray) -> NDArray[np.bool_]:
+    """Return where nothing can be matched: no step from column to column all around (covered, saturated)."""
+    steps = np.abs(np.diff(gray.astype(np.float32), axis=1, prepend=gray[:, :1]))
+    return np.asarray(cv2.blur(steps, (BLANK_PX, BLANK_PX)) < BLANK_STEP)
 
 
 MATCHERS: dict[str, Matcher] = {"sgbm": match_sgbm, "bm": match_bm}
@@ -110,5 +119,7 @@ def match(pair: RectifiedPair, settings: MatchSettings) -> DisparityMap:
     units = MATCHERS[settings.matcher](left, right, settings)[:, pad:]
     d_px = units.astype(np.float32) / np.float32(UNITS_PER_PX)
     seen_by_both = d_px <= np.arange(d_px.shape[1], dtype=np.float32)
-    d_px[(units <= 0) | ~seen_by_both] = np.nan
+    # The last step of the search is where a matcher puts what it cannot match.
+    at_the_end = d_px >= settings.disparities - 1
+    d_px[(units <= 0) | at_the_end | ~seen_by_both | _is_blank(left[:, pad:])] = np.nan
     return DisparityMap(d_px, settings.sigma_px)

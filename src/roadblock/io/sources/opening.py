@@ -64,8 +64,8 @@ def open_source(
 
 def _why_not(path: Path, kind: str | None) -> str:
     if not path.exists():
-        return f"there is no {path}: give a folder, a video, a list of pairs, or LEFT,RIGHT for two videos"
+        return f"there is no '{path}': give a folder, a video, a list of pairs, or LEFT,RIGHT for two videos"
     inside = sorted(entry.name for entry in path.iterdir())[:6] if path.is_dir() else []
     what = f"holds {', '.join(inside) or 'nothing'}" if path.is_dir() else f"is a {path.suffix or 'nameless'} file"
     expected = f"a {kind} recording" if kind else f"any kind of recording ({', '.join(name for name, _, _ in SOURCES)})"
-    return f"{path} {what}, which is not {expected}; see docs/sources.md"
+    return f"'{path}' {what}, which is not {expected}; see docs/sources.md"

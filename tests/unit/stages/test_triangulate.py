@@ -1,0 +1,150 @@
+"""One region in metres, from surfaces made of points whose place is known."""
+
+import numpy as np
+import pytest
+from stage_examples import TWIN, plane
+
+from roadblock.geometry.pose import pose, rotation_from_rotvec
+from roadblock.geometry.stereo import triangulate
+from roadblock.stages.triangulate import locate
+from roadblock.values.checks import FloatArray
+from roadblock.values.scene import Obstacle, Region
+
+GROUND = plane(1.5, 0.03, -0.02)
+F, B = TWIN.f_px, TWIN.baseline_m
+
+
+def region(points: FloatArray, sigma_d_px: float = 0.3) -> Region:
+    """Return a region whose surface are these car-frame points, projected by hand."""
+    x, y, z = points.T
+    uvd = np.stack([(x + B / 2) * F / z + TWIN.cx_px, y * F / z + TWIN.cy_px, F * B / z], -1)
+    contour = np.array([[10, 20], [10, 39], [29, 39], [29, 20]], np.int32)
+    return Region((10, 20, 30, 40), contour, uvd, sigma_d_px, np.full(3, np.nan))
+
+
+def wall(z: float, x0: float, x1: float, low: float, high: float, n: int = 41) -> FloatArray:
+    """Return the points of an upright face on the road, between two heights over it."""
+    x, h = (g.ravel() for g in np.meshgrid(np.linspace(x0, x1, n), np.linspace(low, high, n)))
+    y = [GROUND.point_below(a, z)[1] + b / GROUND.normal[1] for a, b in zip(x, h, strict=True)]
+    return np.stack([x, np.array(y), np.full(x.shape, z)], -1)
+
+
+def slab(near: float, far: float) -> FloatArray:
+    """Return the side of something long: equally many points at every depth."""
+    return np.concatenate([wall(z, 1.0, 1.1, 0.2, 1.0, 9) for z in np.linspace(near, far, 101)])
+
+
+def test_a_flat_face_is_measured_as_it_stands() -> None:
+    found = locate(region(wall(8.0, -0.4, 1.0, 0.0, 1.6)), TWIN, GROUND, "red")
+    assert found.range_m == pytest.approx(8.0)
+    width, height, length = found.size_m
+    assert width == pytest.approx(1.4, rel=0.03)
+    assert height == pytest.approx(1.6, rel=0.03)
+    assert np.isnan(length)
+    foot = GROUND.point_below(0.3, 8.0)
+    assert found.position_m == pytest.approx([8.0, -foot[0], -foot[1]])  # x forward, y left, z up
+    assert found.color == "red"
+    assert (found.label, found.box_px) == ("unknown", (10, 20, 30, 40))
+    assert np.isnan(found.probability)
+    np.testing.assert_array_equal(found.contour_px, [[10, 20], [10, 39], [29, 39], [29, 20]])
+
+
+def test_the_foot_is_on_the_road_though_the_lowest_point_is_not() -> None:
+    found = locate(region(wall(8.0, -0.4, 1.0, 0.7, 1.6)), TWIN, GROUND)
+    x, y, z = found.position_m
+    assert GROUND.height_of(np.array([-y, -z, x])) == pytest.approx(0, abs=1e-9)
+    assert found.size_m[1] == pytest.approx(1.6, rel=0.03)
+
+
+def test_without_a_road_the_lowest_point_is_the_foot() -> None:
+    points = wall(8.0, -0.4, 1.0, 0.5, 1.6)
+    found = locate(region(points), TWIN, None)
+    assert found.position_m[2] == pytest.approx(-points[:, 1].max())
+    assert found.size_m[1] == pytest.approx(np.ptp(points[:, 1]))
+
+
+def test_the_range_is_the_tenth_percentile() -> None:
+    """A mirror of 5 % of the surface does not count, nor does all that lies behind."""
+    rng = np.random.default_rng(0)
+    points = wall(9.0, -0.5, 0.5, 0.0, 1.5, 30)
+    points = points[rng.permutation(len(points))]
+    near, far = len(points) // 20, len(points) // 3
+    points[:near] *= 8.0 / 9.0
+    points[near : near + far] *= 9.7 / 9.0
+    assert locate(region(points), TWIN, GROUND).range_m == pytest.approx(9.0, abs=1e-6)
+    z = np.linspace(10, 20, 101)
+    line = np.stack([0.1 * z, 0.05 * z, z], -1)
+    assert locate(region(line), TWIN, GROUND).range_m == pytest.approx(11.0)
+
+
+def test_the_middle_is_that_of_the_nearest_face() -> None:
+    """A car seen at an angle: its rear face is narrow, its side goes on to the right."""
+    rear = wall(8.0, -1.0, 0.6, 0.3, 1.4)
+    side = np.concatenate(
+        [wall(z, 0.6 + 0.2 * (z - 8), 0.65 + 0.2 * (z - 8), 0.3, 1.4, 8) for z in np.arange(8, 12, 0.2)]
+    )
+    found = locate(region(np.concatenate([rear, side])), TWIN, GROUND)
+    assert found.position_m[1] == pytest.approx(0.2, abs=0.1)
+    assert found.size_m[0] > 2.0
+
+
+def test_a_depth_that_stands_out_is_the_length() -> None:
+    visible = locate(region(slab(6.0, 10.0)), TWIN, GROUND)
+    assert visible.size_m[2] == pytest.approx(4 * 0.85)  # 10th to 95th percentile
+    # 30 m away three sigma are 4.3 m.
+    assert np.isnan(locate(region(slab(30.0, 34.0), 0.15), TWIN, GROUND).size_m[2])
+    assert locate(region(slab(30.0, 34.0), 0.02), TWIN, GROUND).size_m[2] == pytest.approx(4 * 0.85)
+    assert np.isnan(locate(region(slab(6.0, 6.4), 0.01), TWIN, GROUND).size_m[2])
+
+
+@pytest.mark.parametrize("sigma_d_px", [0.05, 0.3])
+@pytest.mark.parametrize("z", [4.0, 8.0, 25.0])
+def test_the_sigma_of_the_range_is_the_one_of_the_disparity_propagated(z: float, sigma_d_px: float) -> None:
+    found = locate(region(wall(z, 0.0, 1.0, 0.0, 1.0), sigma_d_px), TWIN, GROUND)
+    assert found.range_sigma_m == pytest.approx(z * z / (F * B) * sigma_d_px, rel=1e-9)
+    assert found.cov_uvd_px2[2, 2] == pytest.approx(sigma_d_px**2)
+
+
+def test_the_measurement_lies_where_the_range_and_the_middle_are() -> None:
+    found = locate(region(wall(8.0, -0.4, 1.0, 0.0, 1.6)), TWIN, GROUND)
+    x, _, z = triangulate(TWIN, found.uvd_px)
+    assert (x, z) == pytest.approx((0.3, 8.0))
+
+
+MOUNTING = pose(rotation_from_rotvec([0.4, -0.9, 0.6]), [1.7, 0.3, 1.5])
+
+
+@pytest.mark.parametrize("T_vehicle_car", [None, MOUNTING])
+def test_the_covariance_is_the_one_of_samples(T_vehicle_car: FloatArray | None) -> None:
+    found = locate(region(wall(8.0, 1.0, 2.0, 0.0, 1.6), 0.15), TWIN, GROUND, None, T_vehicle_car)
+    rng = np.random.default_rng(1)
+    car = triangulate(TWIN, rng.multivariate_normal(found.uvd_px, found.cov_uvd_px2, 100_000))
+    axes = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]]) if T_vehicle_car is None else T_vehicle_car[:3, :3]
+    sampled = np.cov(car @ axes.T, rowvar=False)
+    np.testing.assert_allclose(found.cov_match_m2, sampled, rtol=0.05, atol=0.02 * sampled.max())
+    assert found.cov_match_m2 == pytest.approx(found.cov_match_m2.T)
+
+
+def test_a_mounting_moves_the_place_and_not_the_range() -> None:
+    plain: Obstacle = locate(region(wall(8.0, 1.0, 2.0, 0.0, 1.6)), TWIN, GROUND)
+    mounted = locate(region(wall(8.0, 1.0, 2.0, 0.0, 1.6)), TWIN, GROUND, None, MOUNTING)
+    foot = GROUND.point_below(1.5, 8.0)
+    assert mounted.position_m == pytest.approx(MOUNTING[:3, :3] @ foot + MOUNTING[:3, 3])
+    assert mounted.range_m == plain.range_m
+    assert mounted.range_sigma_m == plain.range_sigma_m
+    np.testing.assert_array_equal(mounted.size_m, plain.size_m)
+
+
+def test_a_single_cell_is_as_wide_as_a_pixel() -> None:
+    found = locate(region(np.array([[0.5, 0.9, 7.0]])), TWIN, GROUND)
+    assert found.range_m == pytest.approx(7.0)
+    assert found.size_m[0] == pytest.approx(7.0 / F)
+    assert np.isnan(found.size_m[2])
+
+
+def test_points_in_any_order_give_the_same_obstacle() -> None:
+    points = np.concatenate([wall(8.0, -1.0, 0.6, 0.3, 1.4, 12), slab(8.0, 12.0)])
+    shuffled = points[np.random.default_rng(0).permutation(len(points))]
+    a, b = locate(region(points), TWIN, GROUND), locate(region(shuffled), TWIN, GROUND)
+    assert a.range_m == b.range_m
+    np.testing.assert_array_equal(a.size_m, b.size_m)
