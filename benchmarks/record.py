@@ -43,7 +43,9 @@ def write_page() -> None:
         sections.append(f"## {path.stem.replace('_', ' ')}\n")
         if r["notes"]:
             sections.append(r["notes"] + "\n")
-        sections.append("\n".join("| " + " | ".join(map(str, row)) + " |" for row in table) + "\n")
+        sections.append(
+            "\n".join("| " + " | ".join(str(cell).replace("|", "\\|") for cell in row) + " |" for row in table) + "\n"
+        )
         m = r["machine"]
         sections.append(
             f"`{r['command']}`, {r['date']}, commit {r['commit']}, {m['cpu']}, {m['cores']} cores, "
