@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.geometry.pose import transform, vehicle_from_car
+from roadblock.sim.road import height_m, normal
 from roadblock.sim.scene import Scene
 from roadblock.sim.solids import Thing
 from roadblock.values.camera import StereoRig
@@ -54,7 +55,7 @@ class TrueObject:
 
 
 def true_objects(
-    scene: Scene, rig: StereoRig, depth_m: NDArray[np.float64], ids: NDArray[np.int32]
+    scene: Scene, rig: StereoRig, pixels: NDArray[np.int64], ids: NDArray[np.int32], points_m: FloatArray
 ) -> tuple[TrueObject, ...]:
     """Return what is true of each named thing that is seen, nearest first.
 
@@ -62,24 +63,25 @@ def true_objects(
     ----------
     scene, rig
         What was rendered, and with what.
-    depth_m, ids
-        (height, width) forward distance and id at the left image's pixel centres.
+    pixels, ids
+        (n, 2) columns and rows of the left image's pixels that see a named thing, and (n,) its id.
+    points_m
+        (n, 3) what their centres see, car frame, metres.
     """
-    named = [thing for thing in scene.things if thing.id and (ids == thing.id).any()]
-    objects = [_true_object(scene, rig, thing, depth_m, ids == thing.id) for thing in named]
+    named = [thing for thing in scene.things if thing.id]
+    seen = [(thing, ids == thing.id) for thing in named]
+    objects = [_true_object(scene, rig, thing, pixels[at], points_m[at]) for thing, at in seen if at.any()]
     return tuple(sorted(objects, key=lambda found: found.range_m))
 
 
 def _true_object(
-    scene: Scene, rig: StereoRig, thing: Thing, depth_m: NDArray[np.float64], seen: NDArray[np.bool_]
+    scene: Scene, rig: StereoRig, thing: Thing, pixels: NDArray[np.int64], points_m: FloatArray
 ) -> TrueObject:
-    v, u = np.nonzero(seen)
-    z = depth_m[seen]
+    x, z = points_m[:, 0], points_m[:, 2]
     nearest = float(np.percentile(z, NEAREST_PERCENTILE))
-    # The car frame's origin is half a baseline to the right of the left camera.
-    x = (u - rig.left.cx_px) * z / rig.left.fx_px - rig.baseline_m / 2
     face = x[z <= nearest + FACE_DEPTH_M]
     foot = _on_height(scene, (face.min() + face.max()) / 2, nearest, thing.bounds_m(thing.T_world_thing)[0, 2])
+    (u0, v0), (u1, v1) = pixels.min(0).tolist(), pixels.max(0).tolist()
     return TrueObject(
         thing.id,
         thing.type,
@@ -88,7 +90,7 @@ def _true_object(
         nearest,
         float(z.mean()),
         thing.size_m,
-        (int(u.min()), int(v.min()), int(u.max()) + 1, int(v.max()) + 1),
+        (u0, v0, u1 + 1, v1 + 1),
         len(z),
     )
 
@@ -100,5 +102,11 @@ def _on_height(scene: Scene, x: float, z: float, height_m: float) -> FloatArray:
 
 
 def true_ground(scene: Scene) -> GroundPlane:
-    """Return the road in the car frame."""
-    return GroundPlane(scene.T_world_car[2, :3], scene.T_world_car[2, 3])
+    """Return the road in the car frame: the plane that touches it under the cameras, and half its curvature there."""
+    x, y, z = scene.T_world_car[:3, 3]
+    road = scene.road
+    up = normal(road, x, y)
+    bent = road.grade_from_m <= x < road.grade_from_m + road.grade_over_m
+    ahead = scene.T_world_car[:2, 2] / np.linalg.norm(scene.T_world_car[:2, 2])
+    bend = road.grade / road.grade_over_m / 2 * float(ahead[0]) ** 2 if bent else 0.0
+    return GroundPlane(scene.T_world_car[:3, :3].T @ up, (z - height_m(road, x, y)) * up[2], bend)

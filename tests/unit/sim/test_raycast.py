@@ -5,18 +5,24 @@ import pytest
 
 from roadblock.geometry.pose import inverse, pose, rotation_from_rotvec, transform
 from roadblock.sim import raycast
+from roadblock.sim.render import KINDS
 from roadblock.sim.solids import Part
 
 CROOKED = pose(rotation_from_rotvec([0.4, -0.9, 0.7]), [6.0, -0.5, 0.8])
-HALF = {"box": (0.3, 0.5, 0.9), "ellipsoid": (0.3, 0.5, 0.9), "capsule": (0.4, 0.4, 0.7)}
-KIND = {"box": 0, "ellipsoid": 1, "capsule": 2}
+HALF = {
+    "box": (0.3, 0.5, 0.9),
+    "ellipsoid": (0.3, 0.5, 0.9),
+    "capsule": (0.4, 0.4, 0.7),
+    "cylinder": (0.4, 0.4, 0.7),
+    "cone": (0.6, 0.1, 0.7),
+}
 
 
 def row_of(shape):
     """A part as the kernels take it; only place, size and kind matter here."""
     row = np.zeros((1, 24))
     row[0, :15] = [*CROOKED[:3, 3], *CROOKED[:3, :3].ravel(), *HALF[shape]]
-    row[0, 16] = KIND[shape]
+    row[0, 16] = KINDS[shape]
     return row
 
 
@@ -27,6 +33,11 @@ def inside(shape, points):
         return (np.abs(p) - half).max(-1)
     if shape == "ellipsoid":
         return np.linalg.norm(p / half, axis=-1) - 1
+    if shape in ("cylinder", "cone"):
+        flare = (half[1] - half[0]) / (2 * half[2])
+        side = np.linalg.norm(p[..., :2], axis=-1) - (half[0] + half[1]) / 2 - flare * p[..., 2]
+        # The distance from a cone's side is measured at right angles to it.
+        return np.maximum(side / np.hypot(1, flare), np.abs(p[..., 2]) - half[2])
     p[..., 2] -= np.clip(p[..., 2], -half[2], half[2])
     return np.linalg.norm(p, axis=-1) - half[0]
 
@@ -50,7 +61,7 @@ def test_solids_behind_the_eye_are_not_met(shape):
     assert raycast.hit(row_of(shape), 0, 20.0, -0.5, 0.8, 1.0, 0.0, 0.0) == np.inf
 
 
-@pytest.mark.parametrize("shape", ["box", "ellipsoid"])
+@pytest.mark.parametrize("shape", ["box", "ellipsoid", "cylinder", "cone"])
 def test_an_eye_inside_sees_out(shape):
     assert raycast.hit(row_of(shape), 0, *CROOKED[:3, 3], 1.0, 0.2, 0.1) == np.inf
 
@@ -80,6 +91,43 @@ def test_axis_parallel_rays_meet_boxes_and_capsules():
     rows = row_of("capsule")
     rows[0, :12] = [0, 0, 5, *np.eye(3).ravel()]
     assert raycast.hit(rows, 0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0) == pytest.approx(5 - 0.7 - 0.4 - 1)
+
+
+def test_cylinders_and_cones_by_hand():
+    rows = row_of("cone")
+    rows[0, :12] = [5, 0, 1, *np.eye(3).ravel()]
+    # Its radius is 0.35 halfway up, 0.6 at the foot, 0.1 at the top.
+    assert raycast.hit(rows, 0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0) == pytest.approx(5 - 0.35)
+    assert raycast.hit(rows, 0, 0.0, 0.0, 0.3, 1.0, 0.0, 0.0) == pytest.approx(5 - 0.6)
+    assert raycast.hit(rows, 0, 0.0, 0.0, 1.7 + 1e-9, 1.0, 0.0, 0.0) == np.inf
+    assert raycast.hit(rows, 0, 5.05, 0.0, 4.0, 0.0, 0.0, -1.0) == pytest.approx(4 - 1.7)
+    assert raycast.hit(rows, 0, 5.35, 0.0, 4.0, 0.0, 0.0, -1.0) == pytest.approx(4 - 1.0)
+    assert raycast.hit(rows, 0, 5.35, 0.0, -4.0, 0.0, 0.0, 1.0) == pytest.approx(4.3)
+    # Along the side of a cone the quadratic term of the ray vanishes: 45 degrees here.
+    rows[0, 12:15] = [1.2, 0.2, 0.5]
+    assert raycast.hit(rows, 0, 5.0, 0.0, 3.0, -1.0, 0.0, -1.0) == np.inf
+    assert raycast.hit(rows, 0, 3.0, 0.0, 2.0, 1.0, 0.0, -1.0) == pytest.approx(1.15)
+
+
+@pytest.mark.parametrize(
+    ("shape", "normal", "number"), [("cone", (0, 0, 1), 1), ("cone", (0, 0, -1), 2), ("cone", (1, 0, 0), 0)]
+)
+def test_flat_faces_have_numbers(shape, normal, number):
+    assert raycast.face(row_of(shape), 0, *map(float, normal)) == number
+
+
+def test_the_faces_of_a_box_differ():
+    normals = [*np.eye(3), *-np.eye(3)]
+    assert len({raycast.face(row_of("box"), 0, *way) for way in normals}) == 6
+    assert {raycast.face(row_of(shape), 0, *normals[2]) for shape in ("ellipsoid", "capsule")} == {0}
+
+
+def test_a_root_is_the_first_in_its_span():
+    assert raycast.first_root(1.0, -2.0, 3.0, 0.0, 9.0) == pytest.approx(1)  # (t - 1)(t - 3)
+    assert raycast.first_root(1.0, -2.0, 3.0, 1.5, 9.0) == pytest.approx(3)
+    assert raycast.first_root(1.0, -2.0, 3.0, 3.5, 9.0) == np.inf
+    assert raycast.first_root(1.0, 0.0, 1.0, -9.0, 9.0) == np.inf
+    assert raycast.first_root(0.0, 0.5, -2.0, 0.0, 9.0) == pytest.approx(2)
 
 
 @pytest.mark.parametrize("noise", [raycast.noise2, raycast.noise3])

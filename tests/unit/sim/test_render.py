@@ -5,13 +5,18 @@ import numpy as np
 import pytest
 from scipy.ndimage import shift
 
-from roadblock.errors import RigError, ValueRefusedError
-from roadblock.geometry.pose import pose, rotation_from_rotvec
-from roadblock.geometry.stereo import triangulate
-from roadblock.sim.render import render
-from roadblock.sim.scene import Line, Road, Scene, camera_pose, demo_street
+from roadblock.errors import ValueRefusedError
+from roadblock.geometry.pose import inverse, pose, rotation_from_rotvec, transform
+from roadblock.geometry.projection import project, unproject
+from roadblock.geometry.stereo import rectifying_rotations, triangulate
+from roadblock.sim import raycast
+from roadblock.sim.outlines import candidates
+from roadblock.sim.render import Quality, _offsets, _rays, render, render_linear
+from roadblock.sim.road import Line, Road
+from roadblock.sim.scene import Scene, camera_pose, demo_street
 from roadblock.sim.solids import Thing, box, placed
 from roadblock.sim.things import crate, person
+from roadblock.stages.rectify import plan_rectification, rectify
 from roadblock.values.camera import Camera, Rectification, StereoRig
 
 CAMERA = Camera((97, 61), 80.0, 80.0, 51.3, 27.6)
@@ -34,7 +39,7 @@ def linear(image):
 
 @pytest.mark.parametrize(("pitch_rad", "roll_rad"), [(0.0, 0.0), (0.13, -0.05), (-0.02, 0.3)])
 def test_road_disparities_lie_on_the_road(pitch_rad, roll_rad):
-    rendered = render(street(height_m=1.3, pitch_rad=pitch_rad, roll_rad=roll_rad), RIG, samples=1)
+    rendered = render(street(height_m=1.3, pitch_rad=pitch_rad, roll_rad=roll_rad), RIG, quality="preview")
     d = rendered.disparity.d_px
     v, u = np.nonzero(d > 0.05)
     points = triangulate(RECTIFICATION, np.stack([u, v, d[v, u]], -1))
@@ -49,7 +54,7 @@ def test_road_disparities_lie_on_the_road(pitch_rad, roll_rad):
 
 
 def test_level_road_by_hand():
-    d = render(street(height_m=1.3), RIG, samples=1).disparity.d_px
+    d = render(street(height_m=1.3), RIG, quality="preview").disparity.d_px
     v = np.arange(28, 61)
     assert d[28:, 5] == pytest.approx(0.3 * (v - 27.6) / 1.3, rel=1e-6)
     assert np.isnan(d[:28]).all()
@@ -58,7 +63,7 @@ def test_level_road_by_hand():
 
 def test_box_face_has_one_disparity_and_ids_agree():
     rendered = render(
-        street(placed(crate(4, "red", (200, 30, 30), (0.5, 1.0, 0.8)), 5.0, 0.4), height_m=1.39), RIG, samples=1
+        street(placed(crate(4, "red", (200, 30, 30), (0.5, 1.0, 0.8)), 5.0, 0.4), height_m=1.39), RIG, quality="preview"
     )
     d, ids = rendered.disparity.d_px, rendered.ids
     face = (ids == 4) & (np.arange(61)[:, None] > 27.6 + 80 * 0.59 / 5)
@@ -87,7 +92,7 @@ def estimated_shift(left, right, whole, columns, rows):
 def test_wall_is_shifted_by_its_disparity(d_px):
     camera = Camera((240, 120), 1033.0, 1033.0, 107.3, 90.6)
     rig = StereoRig(camera, camera, pose(np.eye(3), [0.205, 0, 0]))
-    pair = render(street(wall(1033 * 0.205 / d_px), height_m=3.0), rig, samples=16, noise=0).pair
+    pair = render(street(wall(1033 * 0.205 / d_px), height_m=3.0), rig, quality="evidence", noise=0).pair
     found = estimated_shift(pair.left, pair.right, int(d_px), slice(50, 210), slice(10, 110))
     assert found == pytest.approx(d_px, abs=0.004)
 
@@ -99,8 +104,8 @@ def test_edges_cover_pixels_by_area(share):
     left_m = -((u_edge - 51.3) / 80 * 5.0 - 0.15)
     card = wall(5.0, (230, 230, 230), 0.0, (0.1, 1.0, 2.4), left_m - 0.5, 2)
     scene = street(wall(9.0, (40, 40, 40), 0.0), card, height_m=1.3)
-    for samples, tolerance in ((16, 0.02), (64, 0.006)):
-        image = linear(render(scene, RIG, samples=samples, noise=0).pair.left[15:40])
+    for samples, tolerance in ((16, 0.01), (64, 0.003)):
+        image = render_linear(scene, RIG, quality=Quality(samples, samples)).left.light[15:40]
         dark, bright = image[:, 36].mean(), image[:, 44].mean()
         covered = (image[:, 40].mean() - dark) / (bright - dark)
         assert covered == pytest.approx(share, abs=tolerance)
@@ -118,7 +123,7 @@ def test_person_has_a_persons_outline():
     camera = Camera((120, 240), 420.0, 420.0, 66.3, 40.6)
     rig = StereoRig(camera, camera, pose(np.eye(3), [0.205, 0, 0]))
     scene = street(placed(person(1, "blue", (30, 60, 170), (40, 60, 120)), 4.0, 0.1, np.pi))
-    seen = render(scene, rig, samples=1).ids == 1
+    seen = render(scene, rig, quality="preview").ids == 1
 
     def runs(height_m):
         row = seen[round(40.6 + 420 * (1.4 - height_m) / 4.2)].astype(int)
@@ -148,7 +153,7 @@ def test_same_arguments_give_same_bytes_whatever_the_threads():
 @pytest.mark.parametrize("rgb", [(60, 60, 60), (170, 170, 170)])
 def test_noise_is_as_stated_and_its_own_in_both_cameras(rgb):
     scene = street(wall(5.0, rgb, 0.0), height_m=20.0)
-    clean, noisy = (render(scene, RIG, noise=n, samples=1).pair for n in (0.0, 2.0))
+    clean, noisy = (render(scene, RIG, noise=n, quality="preview").pair for n in (0.0, 2.0))
     left, right = (b.astype(float) - a for a, b in ((clean.left, noisy.left), (clean.right, noisy.right)))
     level = clean.left.mean()
     assert left.std() == pytest.approx(np.sqrt(4 * (0.5 + level / 256) + 1 / 12), rel=0.05)
@@ -158,7 +163,7 @@ def test_noise_is_as_stated_and_its_own_in_both_cameras(rgb):
 def test_both_cameras_see_the_same_street():
     camera = Camera((320, 180), 258.25, 258.25, 162.7, 86.4)
     rig = StereoRig(camera, camera, pose(np.eye(3), [0.205, 0, 0]))
-    rendered = render(demo_street(), rig, samples=16, noise=0)
+    rendered = render(demo_street(), rig, quality="evidence", noise=0)
     d = rendered.disparity.d_px
     rows, columns = np.mgrid[:180, :320].astype(np.float32)
     seen_again = cv2.remap(rendered.pair.right, columns - np.nan_to_num(d), rows, cv2.INTER_CUBIC)
@@ -183,13 +188,13 @@ def test_a_semi_global_matcher_finds_the_true_disparities():
 
 def test_looks_like_a_street():
     """Sky is bright and blue, verge green, asphalt grey with white lines: what a person would name."""
-    image = linear(render(Scene((), Road(), camera_pose()), RIG, samples=16, noise=0).pair.left)
+    image = linear(render(Scene((), Road(), camera_pose()), RIG, quality="evidence", noise=0).pair.left)
     sky, asphalt, verge = image[:8].mean((0, 1)), image[50:, 40:46].mean((0, 1)), image[36:40, :5].mean((0, 1))
     assert sky[2] > sky[0]
     assert np.ptp(asphalt) < 0.1 * asphalt.mean()
     assert verge[1] > 1.2 * max(verge[0], verge[2])
     lines = Road(lines=(Line(0.0, 0.4),), contrast=0.0)
-    image = linear(render(Scene((), lines, camera_pose()), RIG, samples=16, noise=0).pair.left)
+    image = linear(render(Scene((), lines, camera_pose()), RIG, quality="evidence", noise=0).pair.left)
     middle = round(51.3 + 80 * 0.15 / (80 * 1.4 / (55 - 27.6)))
     assert image[55, middle].mean() > 2 * image[55, middle - 15].mean()
 
@@ -207,7 +212,7 @@ def test_everyday_patterns_are_drawn():
 def test_things_around_the_cameras_are_cut_not_lost():
     beside = wall(-2.0, size_m=(8.0, 0.4, 2.0), left_m=1.5)
     behind = wall(-9.0, size_m=(1.0, 1.0, 1.0), number=2)
-    rendered = render(street(beside, behind), RIG, samples=1)
+    rendered = render(street(beside, behind), RIG, quality="preview")
     assert [o.id for o in rendered.objects] == [1]
     (true,) = rendered.objects
     assert true.box_px[0] == 0
@@ -216,30 +221,17 @@ def test_things_around_the_cameras_are_cut_not_lost():
 
 
 def test_results_are_read_only():
-    rendered = render(street(), RIG, samples=1)
+    rendered = render(street(), RIG, quality="preview")
     for array in (rendered.ids, rendered.disparity.d_px, rendered.pair.left):
         with pytest.raises(ValueError, match="read-only"):
             array[0, 0] = 1
 
 
 @pytest.mark.parametrize(
-    "rig",
-    [
-        replace(RIG, T_left_right=pose(rotation_from_rotvec([0, 0.01, 0]), [0.3, 0, 0])),
-        replace(RIG, left=replace(CAMERA, fy_px=81.0)),
-        replace(RIG, right=replace(CAMERA, cx_px=50.0)),
-    ],
-)
-def test_rigs_that_are_not_rectified_are_refused(rig):
-    with pytest.raises(RigError, match="needs a rectified rig"):
-        render(street(), rig)
-
-
-@pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"samples": 0}, "samples and threads must be >= 1, but got 0"),
-        ({"threads": 0}, "samples and threads must be >= 1"),
+        ({"quality": "best"}, "quality must be one of preview, demo, evidence, but got 'best'"),
+        ({"threads": 0}, "threads must be >= 1, but got 0"),
         ({"noise": -1.0}, "noise must be >= 0 grey levels, but got -1"),
         ({"noise": float("nan")}, "noise must be >= 0 grey levels, but got nan"),
         ({"noise": float("inf")}, "noise must be >= 0 grey levels, but got inf"),
@@ -248,3 +240,208 @@ def test_rigs_that_are_not_rectified_are_refused(rig):
 def test_impossible_settings_are_refused(change, message):
     with pytest.raises(ValueRefusedError, match=message):
         render(street(), RIG, **change)
+
+
+@pytest.mark.parametrize("counts", [(0, 4), (4, 0)])
+def test_a_quality_without_rays_is_refused(counts):
+    with pytest.raises(ValueRefusedError, match="at least one ray, but got"):
+        Quality(*counts)
+
+
+@pytest.mark.parametrize("delays", [(np.zeros(60), np.zeros(61)), (np.zeros(61), np.full(61, np.nan))])
+def test_delays_must_be_a_number_for_each_row(delays):
+    with pytest.raises(ValueRefusedError, match="row_delays_s must"):
+        render_linear(street(), RIG, row_delays_s=delays)
+
+
+def test_light_has_the_stated_scale():
+    """White ground in the default sun is 1 (its texture off), and the sky stays below."""
+    white = Road(-90.0, 90.0, lines=(), contrast=0.0, asphalt=(255, 255, 255))
+    seen = render_linear(Scene((), white, camera_pose()), RIG, quality="preview")
+    assert seen.left.light.dtype == np.float32
+    assert seen.left.light[-1].mean() == pytest.approx(1.0, abs=0.05)
+    assert seen.left.light[:20].max() < 0.96
+    assert seen.left.T_car_camera[0, 3] == pytest.approx(-0.15)
+    assert seen.right.T_car_camera[0, 3] == pytest.approx(0.15)
+
+
+def test_samples_fill_the_pixel_evenly():
+    offsets = _offsets(50, 64)
+    assert offsets.shape == (50, 64, 2)
+    assert np.abs(offsets).max() <= 0.5
+    for row in offsets:
+        # One in each of 64 columns, of 64 rows, and of 8 x 8 blocks.
+        for cells in (np.floor((row + 0.5) * 64), np.floor((row + 0.5) * 8) @ [[8, 0], [1, 0]]):
+            assert set(cells[:, 0].astype(int)) == set(range(64))
+        assert len(set(np.floor((row[:, 1] + 0.5) * 64))) == 64
+    assert not np.array_equal(offsets[0], offsets[1])
+    assert _offsets(3, 20).shape == (3, 20, 2)
+    _offsets.cache_clear()
+    assert np.array_equal(_offsets(50, 64), offsets)
+
+
+TILT = rotation_from_rotvec([0.03, -0.05, 0.04])
+RAW = {
+    "pinhole": (
+        Camera((97, 61), 80.0, 84.0, 51.3, 27.6),
+        Camera((97, 61), 82.0, 81.0, 45.9, 31.2),
+    ),
+    "brown_conrady": (
+        Camera((97, 61), 80.0, 84.0, 51.3, 27.6, "brown_conrady", np.array([-0.25, 0.06, 0.002, -0.003, 0.0])),
+        Camera((97, 61), 82.0, 81.0, 45.9, 31.2, "brown_conrady", np.array([-0.2, 0.05, -0.002, 0.001, 0.0])),
+    ),
+    "kannala_brandt": (
+        Camera((97, 61), 40.0, 41.0, 51.3, 27.6, "kannala_brandt", np.array([-0.02, 0.004, -0.002, 0.0])),
+        Camera((97, 61), 42.0, 41.5, 45.9, 31.2, "kannala_brandt", np.array([-0.01, 0.003, -0.001, 0.0])),
+    ),
+}
+
+
+def raw_rig(lens):
+    return StereoRig(*RAW[lens], pose(TILT, [0.3, 0.02, -0.03]))
+
+
+def crates():
+    return tuple(
+        placed(crate(i + 1, "red", (200, 30, 30), (0.5, 1.1, 1.0)), x, y)
+        for i, (x, y) in enumerate([(4.0, 0.3), (6.0, -2.4), (7.0, 3.5), (12.0, 0.0)])
+    )
+
+
+def front_points(thing):
+    """Points of a crate's front face, 16 % away from its edges."""
+    low, high = thing.bounds_m(thing.T_world_thing)
+    b, c = np.meshgrid(np.linspace(0.16, 0.84, 12), np.linspace(0.16, 0.84, 12))
+    return np.stack(
+        [np.full(144, low[0]), *(low[1:, None] + np.stack([b.ravel(), c.ravel()]) * np.ptp([low, high], 0)[1:, None])],
+        1,
+    )
+
+
+@pytest.mark.parametrize("lens", RAW)
+def test_raw_pictures_show_each_thing_where_its_lens_puts_it(lens):
+    rig, things = raw_rig(lens), crates()[:3]
+    scene = street(*things, height_m=1.3, pitch_rad=0.04)
+    seen = render_linear(scene, rig, quality="preview")
+    assert seen.disparity is None
+    R_rect_left, _ = rectifying_rotations(rig.T_left_right)
+    T_left_world = (
+        pose(R_rect_left.T, [0, 0, 0]) @ pose(np.eye(3), [rig.baseline_m / 2, 0, 0]) @ inverse(scene.T_world_car)
+    )
+    both = ((rig.left, T_left_world, seen.left), (rig.right, inverse(rig.T_left_right) @ T_left_world, seen.right))
+    for camera, T_camera_world, sighted in both:
+        assert inverse(sighted.T_car_camera) @ inverse(scene.T_world_car) == pytest.approx(T_camera_world)
+        checked = 0
+        for thing in things:
+            points = transform(T_camera_world, front_points(thing))
+            uv = project(camera, points)
+            u, v = np.rint(uv).astype(int).T
+            inside = (uv[:, 0] > 0) & (uv[:, 0] < 96) & (uv[:, 1] > 0) & (uv[:, 1] < 60)
+            assert (sighted.ids[v[inside], u[inside]] == thing.id).all()
+            assert sighted.depth_m[v[inside], u[inside]] == pytest.approx(points[inside, 2], abs=0.12)
+            checked += inside.sum()
+        assert checked > 150
+
+
+@pytest.mark.parametrize("lens", RAW)
+def test_raw_depths_and_truth_are_exact(lens):
+    rig, (thing, *_) = raw_rig(lens), crates()
+    scene = street(thing, height_m=1.3)
+    rendered = render(scene, rig, quality="preview")
+    v, u = np.nonzero(rendered.ids == 1)
+    rays = unproject(rig.left, np.stack([u, v], -1).astype(float))
+    points = rays / rays[:, 2:] * rendered.depth_m[v, u][:, None]
+    R_rect_left, _ = rectifying_rotations(rig.T_left_right)
+    car = points @ R_rect_left.T - (rig.baseline_m / 2, 0, 0)
+    front = np.abs(car[:, 2] - 4.0) < 1e-9
+    assert front.sum() > 60
+    low, high = thing.bounds_m(thing.T_world_thing)
+    world = transform(scene.T_world_car, car)
+    assert (world > low - 1e-9).all()
+    assert (world < high + 1e-9).all()
+    (true,) = rendered.objects
+    assert true.range_m == pytest.approx(4.0, abs=1e-9)
+    assert true.position_m == pytest.approx([4.0, 0.3, -1.3], abs=0.06)
+
+
+@pytest.mark.parametrize("lens", ["brown_conrady", "kannala_brandt"])
+def test_rays_between_pixel_centres_are_those_of_the_lens(lens):
+    camera = RAW[lens][0]
+    rays = _rays(camera)
+    view = raycast.View((0.0,) * 3, tuple(np.eye(3).ravel()), (0.0,) * 3, (0.0,) * 3, 1.0, False, (0.0,) * 4)
+    rng = np.random.default_rng(8)
+    for u, v in rng.integers((0, 0), (97, 61), (200, 2)):
+        du, dv = rng.uniform(-0.5, 0.5, 2)
+        way = np.array(raycast.way(view, rays, u, v, du, dv))
+        assert project(camera, way) == pytest.approx([u + du, v + dv], abs=2e-3)
+        assert raycast.way(view, rays, u, v, 0.0, 0.0) == pytest.approx(unproject(camera, [float(u), float(v)]), abs=0)
+
+
+def test_a_raw_picture_rectified_is_the_rectified_rigs_picture():
+    k = np.array([-0.25, 0.06, 0.002, -0.003, 0.0])
+    camera = Camera((320, 200), 260.0, 262.0, 162.7, 96.4, "brown_conrady", k)
+    rig = StereoRig(camera, camera, pose(TILT, [0.3, 0.01, 0.0]))
+    raw = render(demo_street(), rig, quality=Quality(16, 16), noise=0)
+    plan = plan_rectification(rig)
+    twin = Camera(plan.size_px, plan.f_px, plan.f_px, plan.cx_px, plan.cy_px)
+    ideal = render(
+        demo_street(), StereoRig(twin, twin, pose(np.eye(3), [rig.baseline_m, 0, 0])), quality=Quality(16, 16), noise=0
+    )
+    pair = rectify(raw.pair, plan, camera.size_px)
+    for side in ("left", "right"):
+        off = np.abs(getattr(pair, side).astype(float) - getattr(ideal.pair, side)).max(2)[2:-2, 2:-2]
+        assert np.median(off) < 3
+        assert (off < 16).mean() > 0.93
+
+
+def test_what_the_lens_does_not_see_is_black_and_unknown():
+    camera = Camera((97, 61), 80.0, 80.0, 51.3, 27.6, "brown_conrady", np.array([-0.9, 0.0, 0.0, 0.0, 0.0]))
+    seen = render_linear(street(), StereoRig(camera, camera, pose(np.eye(3), [0.3, 0, 0])), quality="demo")
+    dark = np.isnan(unproject(camera, np.stack(np.meshgrid(np.arange(97.0), np.arange(61.0)), -1))[..., 0])
+    assert 0.02 < dark.mean() < 0.9
+    assert np.array_equal(np.isnan(seen.left.depth_m), dark)
+    assert (seen.left.light[dark] == 0).all()
+    assert (seen.left.ids[dark] == 0).all()
+    assert np.isfinite(seen.left.light).all()
+    assert (seen.left.light[~dark].max(1) > 0).mean() > 0.9
+
+
+def everywhere(part, reach_m, camera, T_camera_world, sun, lowest_m):
+    """No culling: every part may be seen, and throw its shadow, everywhere."""
+    found = candidates(part, reach_m, camera, T_camera_world, sun, lowest_m)
+    whole = np.tile([-2, -2, camera.size_px[0] + 2, camera.size_px[1] + 2], (len(part), 1))
+    return found._replace(seen=whole, dark=whole, small=np.where(found.small == 1, 1, 2))
+
+
+@pytest.mark.parametrize("lens", ["rectified", *RAW])
+def test_culling_changes_nothing(lens, monkeypatch):
+    rig = RIG if lens == "rectified" else raw_rig(lens)
+    rail = Thing(9, "rail", "", (box((30.0, 0.05, 0.3), (0, 0, 0.6), GREY),))
+    behind = placed(person(8, "red", (200, 0, 0), (90, 0, 0)), -6.0, 1.0)
+    people = [placed(person(5 + i, "blue", (0, 0, 200), (0, 0, 90)), 9.0 + 9 * i, y) for i, y in enumerate((1.0, -2.0))]
+    scene = replace(
+        street(*crates(), *people, behind, placed(rail, -4.0, -2.6)), towards_sun=np.array([-0.6, 0.5, 0.25])
+    )
+    fast = render_linear(scene, rig, quality=Quality(4, 4))
+    monkeypatch.setattr("roadblock.sim.render.candidates", everywhere)
+    slow = render_linear(scene, rig, quality=Quality(4, 4))
+    for side in ("left", "right"):
+        assert np.array_equal(getattr(fast, side).ids, getattr(slow, side).ids)
+        assert np.array_equal(getattr(fast, side).light, getattr(slow, side).light)
+
+
+def test_rows_and_cameras_can_see_different_moments():
+    pole = Thing(1, "pole", "red", (box((0.2, 0.4, 9.0), (0, 0, 0), GREY),), velocity_mps=np.array([0, 4.0, 0]))
+    scene = street(placed(pole, 5.0, 0.0), height_m=1.3)
+    mixed = render_linear(scene, RIG, quality="preview", row_delays_s=(np.zeros(61), np.full(61, 0.1)))
+    now, later = (render_linear(moment, RIG, quality="preview") for moment in (scene, scene.at(0.1)))
+    assert np.array_equal(mixed.left.light, now.left.light)
+    assert np.array_equal(mixed.right.light, later.right.light)
+    assert not np.array_equal(mixed.right.light, now.right.light)
+    rolling = np.linspace(-0.1, 0.1, 61)
+    seen = render_linear(scene, RIG, quality="preview", row_delays_s=(rolling, rolling)).left.ids == 1
+    rows = np.flatnonzero(seen.any(1))
+    middle = np.array([np.flatnonzero(seen[row]).mean() for row in rows])
+    # It moves to the left by 80 * 4 / 5 px/s; a row is exposed 1/300 s after the one above, in steps of 8 rows.
+    assert np.polyfit(rows, middle, 1)[0] == pytest.approx(-64 / 300, rel=0.1)
+    assert len(rows) > 45
