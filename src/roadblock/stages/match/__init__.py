@@ -1,0 +1,27 @@
+"""Match: RectifiedPair in, DisparityMap out. OpenCV's BM and SGBM and the paper's region matching, in one table."""
+
+import numpy as np
+
+from roadblock.stages.match.opencv import in_pixels, match_bm, match_sgbm
+from roadblock.stages.match.region import match_region
+from roadblock.stages.match.settings import Matcher, MatchSettings, gray8
+from roadblock.stages.match.views import balance, is_blank, match_both_ways
+from roadblock.values.frame import DisparityMap, RectifiedPair
+
+__all__ = ["MATCHERS", "MatchSettings", "Matcher", "gray8", "match", "match_bm", "match_region", "match_sgbm"]
+
+MATCHERS: dict[str, Matcher] = {
+    "sgbm": in_pixels(match_sgbm),
+    "bm": in_pixels(match_bm),
+    "region": match_region,
+}
+
+
+def match(pair: RectifiedPair, settings: MatchSettings) -> DisparityMap:
+    """Return the dense disparity map of the left image; NaN where the matcher found none it trusts."""
+    matcher = MATCHERS[settings.matcher]
+    left, right = balance(*gray8(pair.left, pair.right))
+    both = settings.both_ways
+    d_px = match_both_ways(matcher, left, right, settings) if both else matcher(left, right, settings)
+    d_px[is_blank(left)] = np.nan
+    return DisparityMap(d_px, settings.sigma_px)
