@@ -11,9 +11,11 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from roadblock.errors import SettingsError
+from roadblock.stages.bands import BandsSettings
 from roadblock.stages.ground import GroundSettings
 from roadblock.stages.health import HealthSettings
 from roadblock.stages.match import MatchSettings
+from roadblock.stages.mono import MonoSettings
 from roadblock.stages.rectify import RectifySettings
 from roadblock.stages.segment import SegmentSettings
 
@@ -28,6 +30,8 @@ class Settings(BaseModel):
     match: MatchSettings = MatchSettings()
     ground: GroundSettings = GroundSettings()
     segment: SegmentSettings = SegmentSettings()
+    bands: BandsSettings = BandsSettings()
+    mono: MonoSettings = MonoSettings()
     health: HealthSettings = HealthSettings()
 
 

@@ -8,13 +8,20 @@ import importlib
 from collections.abc import Callable
 
 from roadblock.config import Settings
+from roadblock.detectors.bands import bands
 from roadblock.detectors.dense import dense
+from roadblock.detectors.mono import mono_area, mono_ground
 from roadblock.errors import SettingsError
 from roadblock.values.frame import RectifiedPair
 from roadblock.values.scene import Detections
 
 Detector = Callable[[RectifiedPair], Detections]
-DETECTORS: dict[str, Callable[[Settings], Detector]] = {"dense": dense}
+DETECTORS: dict[str, Callable[[Settings], Detector]] = {
+    "dense": dense,
+    "bands": bands,
+    "mono_ground": mono_ground,
+    "mono_area": mono_area,
+}
 
 
 def make_detector(settings: Settings) -> Detector:
@@ -31,7 +38,7 @@ def make_detector(settings: Settings) -> Detector:
         return DETECTORS[name](settings)
     module, colon, factory = name.partition(":")
     if not colon:
-        nearest = difflib.get_close_matches(name, DETECTORS, 1, 0.0)[0]
+        nearest = (difflib.get_close_matches(name, DETECTORS, 1) or [Settings().detector])[0]
         raise SettingsError(
             f"unknown detector {name!r}: did you mean {nearest}? "
             f"Known: {', '.join(DETECTORS)}, or package.module:factory"

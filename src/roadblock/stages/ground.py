@@ -14,8 +14,16 @@ from roadblock.values.checks import FloatArray
 from roadblock.values.frame import DisparityMap
 from roadblock.values.scene import GroundPlane
 
-SIDE_WEIGHT_M = 4.0
-"""Half a road's width: what lies further aside is less likely the road the vehicle stands on."""
+# Lengths inside the fit are shares of the settings' lengths: a scene, its rig and the settings, all scaled together,
+# give the scaled road.
+SIDE_SHARE = 2 / 3
+"""Of `side_m`, half a road's width: what lies further aside is less likely the road the vehicle stands on."""
+
+BIN_SHARE = 2 / 35
+"""Of `near_m`: the steps ahead in which points are evened out."""
+
+FADE_SHARE = 4 / 7
+"""Of `near_m`: points this far ahead count half."""
 
 POLISHED = 10
 """The best drawn planes that are fitted before the winner is chosen."""
@@ -71,17 +79,19 @@ def fit_ground(
     slope = np.tan(np.radians(settings.pitch_deg))
     x, y, z = points.T
     candidate = (z < settings.far_m) & (np.abs(x) < settings.side_m) & (y > 0.5 * low) & (y < high + slope * z)
-    uvd, points = _even_out(uvd[candidate], points[candidate], np.random.default_rng(seed))
+    uvd, points = _even_out(uvd[candidate], points[candidate], BIN_SHARE * settings.near_m, np.random.default_rng(seed))
     if len(points) < settings.minimum_cells:
         return None
     coarse = _draw_plane(uvd, points, rectification, settings, np.random.default_rng(seed))
     return None if coarse is None else _refine(points, coarse, settings)
 
 
-def _even_out(uvd: FloatArray, points: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Keep at most 300 points of every two metres ahead, so that the near road does not outvote the far one."""
+def _even_out(
+    uvd: FloatArray, points: FloatArray, step_m: float, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Keep at most 300 points of every step ahead, so that the near road does not outvote the far one."""
     order = rng.permutation(len(points))
-    bins = (points[order, 2] / 2).astype(int)
+    bins = (points[order, 2] / step_m).astype(int)
     rank = np.zeros(len(bins), int)
     by_bin = np.argsort(bins, kind="stable")
     starts = np.r_[True, np.diff(bins[by_bin]) > 0]
@@ -101,7 +111,7 @@ def _draw_plane(
         return None
     triples = p[rng.integers(len(p), size=(settings.draws, 3))]
     A = np.stack([np.ones(triples.shape[:2]), triples[..., 2], triples[..., 0]], -1)
-    usable = np.abs(np.linalg.det(A)) > 1e-3
+    usable = np.abs(np.linalg.det(A)) > 1e-6 * settings.near_m**2
     planes = np.linalg.solve(A[usable], triples[usable][..., 1:2])[..., 0]
     planes = planes[_is_allowed(planes, settings)]
     if not len(planes):
@@ -110,7 +120,10 @@ def _draw_plane(
     best = planes[np.argsort(score)[-POLISHED:]]
     for _ in range(3):
         best = np.array(
-            [_least_squares(p, on, plane) for plane, on in zip(best, _support(best, p, m, r, settings)[1], strict=True)]
+            [
+                _least_squares(p, on, plane, settings)
+                for plane, on in zip(best, _support(best, p, m, r, settings)[1], strict=True)
+            ]
         )
     score, on = _support(best, p, m, r, settings)
     winner = int(np.argmax(score))
@@ -131,18 +144,18 @@ def _support(
     ray_y, ray_x = p[:, 1] / p[:, 2], p[:, 0] / p[:, 2]
     d_plane = (ray_y - planes[:, 1:2] - planes[:, 2:3] * ray_x) * (r.f_px * r.baseline_m / planes[:, :1])
     nearer_px = m[:, 2] - d_plane
-    weight = 1 / (1 + (p[:, 0] / SIDE_WEIGHT_M) ** 2)
+    weight = 1 / (1 + (p[:, 0] / (SIDE_SHARE * settings.side_m)) ** 2)
     on = np.abs(nearer_px) < settings.tolerance_px
     return on @ weight - 2.0 * (nearer_px < -3 * settings.tolerance_px) @ weight, on
 
 
-def _least_squares(p: FloatArray, on: NDArray[np.bool_], plane: FloatArray) -> FloatArray:
+def _least_squares(p: FloatArray, on: NDArray[np.bool_], plane: FloatArray, settings: GroundSettings) -> FloatArray:
     """Fit (h, s, t) to the points that are on; the old plane where they are too few."""
     if on.sum() < 10:
         return plane
     x, y, z = p[on].T
     # The road in front counts most, and near points more than far ones, whose noise grows with range.
-    w = 1 / np.sqrt(1 + (x / SIDE_WEIGHT_M) ** 2) / (1 + z / 20)
+    w = 1 / np.sqrt(1 + (x / (SIDE_SHARE * settings.side_m)) ** 2) / (1 + z / (FADE_SHARE * settings.near_m))
     A = np.stack([np.ones_like(z), z, x], -1)
     return np.asarray(np.linalg.lstsq(A * w[:, None], y * w, rcond=None)[0])
 
@@ -156,7 +169,7 @@ def _refine(points: FloatArray, plane: FloatArray, settings: GroundSettings) -> 
         on = near & (np.abs(y - A[:, :3] @ plane) < tolerance * settings.tolerance_m)
         if on.sum() < settings.minimum_cells:
             return None
-        plane = _least_squares(points, on, plane)
+        plane = _least_squares(points, on, plane, settings)
     if not _is_allowed(plane[None], settings)[0]:
         return None
     bent = _bend(A, y, np.r_[plane, 0.0], settings)
@@ -176,8 +189,8 @@ def _bend(A: FloatArray, y: FloatArray, start: FloatArray, settings: GroundSetti
     """Grow the fit outwards from the near plane, letting it curve; a prior holds the curve near zero."""
     z, x = A[:, 1], A[:, 2]
     bent = start
-    prior = np.diag([0.0, 0.0, 0.0, 3e4])
-    fixed = np.diag([1e3, 1e3, 1e3, 0.0])
+    prior = np.diag([0.0, 0.0, 0.0, 860 * settings.near_m])
+    fixed = np.diag([35e3 / settings.near_m, 1e3, 1e3, 0.0])
     for reach in np.linspace(settings.near_m, settings.far_m, 5):
         slack = settings.tolerance_m * 0.6 + 0.003 * z
         on = (np.abs(y - A @ bent) < slack) & (z < reach) & (np.abs(x) < 0.8 * settings.side_m)

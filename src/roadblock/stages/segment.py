@@ -25,8 +25,6 @@ ROAD_M = 0.2
 """What lies this close to the ground plane is road."""
 FOOT_M = 0.6
 """A column of a region that begins lower than this stands on the road itself; a higher one is an arm or a mirror."""
-LINKS = 16.0
-"""Cells whose disparities err together, for the matcher smooths: so many fewer are independent."""
 
 
 class SegmentSettings(BaseModel):
@@ -167,7 +165,7 @@ def find_regions(
     rectification, ground
         The twin cameras and the road; without a road, everything in reach counts.
     sigma_px
-        Noise of one cell's disparity.
+        Noise of one cell's disparity, for regions too thin to show it themselves.
     settings
         What belongs together.
 
@@ -268,9 +266,26 @@ def _region(
         box_px=(u0, v0, u1, v1),
         contour_px=np.asarray(max(outlines, key=cv2.contourArea), np.int32).reshape(-1, 2),
         surface_uvd_px=surface.uvd[cells],
-        sigma_d_px=float(np.hypot(settings.locking_px, sigma_px / np.sqrt(max(1.0, len(rows) / LINKS)))),
+        sigma_d_px=float(np.hypot(settings.locking_px, _roughness_px(cells, surface, sigma_px))),
         color_rgb=color,
     )
+
+
+def _roughness_px(cells: Cells, surface: Surface, unknown_px: float) -> float:
+    """Return the scatter of single cells about their neighbours, pixels; `unknown_px` where none has two.
+
+    Second differences, so that a slanted or evenly bent surface has none; the median, so that edges do not count. It
+    is not divided by the number of cells: the nearest face is a percentile, which scatter moves, not a mean.
+    """
+    rows, columns = cells[0] - cells[0].min() + 1, cells[1] - cells[1].min() + 1
+    d = np.full((rows.max() + 2, columns.max() + 2), np.nan)
+    d[rows, columns] = surface.uvd[cells][:, 2]
+    across = d[rows, columns] - (d[rows, columns - 1] + d[rows, columns + 1]) / 2
+    down = d[rows, columns] - (d[rows - 1, columns] + d[rows + 1, columns]) / 2
+    differences = np.concatenate([across, down])
+    differences = np.abs(differences[np.isfinite(differences)])
+    # A second difference of independent cells has 1.5 times their variance; 1.4826 makes a median a sigma.
+    return 1.4826 / np.sqrt(1.5) * float(np.median(differences)) if len(differences) else unknown_px
 
 
 def _silhouette(cells: Cells, surface: Surface, height_px: int) -> NDArray[np.uint8]:

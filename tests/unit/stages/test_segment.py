@@ -401,10 +401,11 @@ def test_a_region_carries_the_mean_colour_of_its_cells() -> None:
     assert np.isnan(grey.color_rgb).all()
 
 
-def test_the_noise_of_a_region_is_its_shared_error_and_the_mean_of_its_cells() -> None:
-    (region,) = regions_of(disparity_of(GROUND, (LEFT_BOX,)))
-    cells = len(region.surface_uvd_px)
-    assert region.sigma_d_px == pytest.approx(np.sqrt(0.25**2 + 0.5**2 * 16 / cells))
+def test_the_noise_of_a_region_is_its_shared_error_and_the_scatter_of_its_cells() -> None:
+    (smooth,) = regions_of(disparity_of(GROUND, (LEFT_BOX,)))
+    assert smooth.sigma_d_px == pytest.approx(0.25)
+    (rough,) = regions_of(noisy(disparity_of(GROUND, (LEFT_BOX,)), 0.15, 0))
+    assert rough.sigma_d_px == pytest.approx(np.hypot(0.25, 0.15), rel=0.1)
 
 
 @pytest.mark.parametrize("seed", range(3))
