@@ -32,7 +32,7 @@ def time_once(work: Callable[[], object]) -> float:
 def measure(threads: int, rounds: int) -> list[list[str]]:
     """Return rows of (threads, what, ms, ratio)."""
     cv2.setNumThreads(threads)
-    pair = render(demo_street(), paper_rig(), samples=4).pair
+    pair = render(demo_street(), paper_rig(), quality="demo").pair
     left, right = gray8(pair.left, pair.right)
     settings = MatchSettings()
     matchers = {

@@ -53,7 +53,7 @@ def measured() -> np.ndarray:
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
         scene = Scene(things(rng), Road(), camera_pose(1.4, rng.uniform(-0.02, 0.04)), seed=seed)
-        rendered = render(scene, RIG, samples=4, seed=seed, threads=1)
+        rendered = render(scene, RIG, quality="demo", seed=seed, threads=1)
         rows += errors(rendered, pipeline.step(rendered.pair)[0].obstacles)
     return np.array(rows)
 

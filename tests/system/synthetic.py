@@ -26,7 +26,7 @@ def record_street(folder: Path, width: int, frames: int) -> Path:
     """Render the demo street, once per frame with other textures and noise, and save it as `detect` opens it."""
     rig, truth = paper_rig_of_width(width), []
     for index in range(frames):
-        street = render(demo_street(index), rig, samples=1, seed=index, index=index, name=f"{index:06d}")
+        street = render(demo_street(index), rig, quality="preview", seed=index, index=index, name=f"{index:06d}")
         for side, image in (("left", street.pair.left), ("right", street.pair.right)):
             (folder / side).mkdir(parents=True, exist_ok=True)
             cv2.imwrite(str(folder / side / f"{index:06d}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))

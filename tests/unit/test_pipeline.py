@@ -29,7 +29,7 @@ def half_rig(baseline_m: float = 0.205) -> StereoRig:
 
 @pytest.fixture(scope="module")
 def street() -> Rendered:
-    return render(demo_street(), paper_rig(), samples=1, threads=1, index=3, name="demo", t_ns=77)
+    return render(demo_street(), paper_rig(), quality="preview", threads=1, index=3, name="demo", t_ns=77)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def step(street: Rendered) -> tuple[FrameResult, RectifiedPair]:
 
 @pytest.fixture(scope="module")
 def small() -> Rendered:
-    return render(demo_street(pitch_rad=0.02), half_rig(), samples=4, threads=1)
+    return render(demo_street(pitch_rad=0.02), half_rig(), quality="demo", threads=1)
 
 
 @pytest.fixture(scope="module")
@@ -208,7 +208,9 @@ def test_raw_images_of_a_crooked_rig_tell_the_same(small: Rendered) -> None:
         away = [np.hypot(*(o.position_m - near.position_m)[:2]) for o in result.obstacles]
         closest = result.obstacles[int(np.argmin(away))]
         assert closest.range_m == pytest.approx(near.range_m, rel=0.05)
-        assert closest.position_m[1] == pytest.approx(near.position_m[1], abs=0.15)
+        # A walker's nearest face is a swinging limb, smaller than the cells it is seen in.
+        aside_m = 0.15 if near.type == "box" else 0.3
+        assert closest.position_m[1] == pytest.approx(near.position_m[1], abs=aside_m)
 
 
 def pictures(rendered: Rendered) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,9 @@ import roadblock
 from roadblock.cli.demo import demo
 from roadblock.cli.detect import detect
 from roadblock.cli.doctor import doctor
+from roadblock.cli.experiment import experiment_app
 from roadblock.cli.rig import rig_app
+from roadblock.cli.simulate import simulate
 from roadblock.cli.terminal import fail, say
 from roadblock.errors import RoadblockError
 
@@ -23,7 +25,9 @@ app = typer.Typer(
 )
 app.command()(detect)
 app.command()(demo)
+app.command()(simulate)
 app.command()(doctor)
+app.add_typer(experiment_app, name="experiment")
 app.add_typer(rig_app, name="rig")
 
 
