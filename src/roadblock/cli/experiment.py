@@ -47,7 +47,7 @@ SPEED_KMH = 30.0
 METHODS: dict[str, dict[str, Any]] = {
     **{name: {"detector": name} for name in DETECTORS},
     "dense_bm": {"detector": "dense", "match": {"matcher": "bm", "block_px": 15}},
-    "dense_region": {"detector": "dense", "match": {"matcher": "region", "block_px": 9}},
+    "dense_region": {"detector": "dense", "match": {"matcher": "region", "block_px": 21}},
 }
 """What measures, and its settings: every detector, and `dense` with its other matchers."""
 FRAME_S = 0.1
