@@ -19,7 +19,7 @@ from roadblock.config import load_settings
 from roadblock.pipeline import Pipeline
 from roadblock.sim.render import render
 from roadblock.sim.scene import demo_street, paper_rig
-from roadblock.stages.match import MATCHERS, MatchSettings, gray8
+from roadblock.stages.match import MatchSettings, gray8, match_bm, match_sgbm
 
 
 def time_once(work: Callable[[], object]) -> float:
@@ -36,9 +36,9 @@ def measure(threads: int, rounds: int) -> list[list[str]]:
     left, right = gray8(pair.left, pair.right)
     settings = MatchSettings()
     matchers = {
-        "StereoBM, block 15": ("bm", settings.model_copy(update={"block_px": 15})),
-        "SGBM 3-way": ("sgbm", settings.model_copy(update={"mode": "3way"})),
-        "SGBM HH4": ("sgbm", settings),
+        "StereoBM, block 15": (match_bm, settings.model_copy(update={"block_px": 15})),
+        "SGBM 3-way": (match_sgbm, settings.model_copy(update={"mode": "3way"})),
+        "SGBM HH4": (match_sgbm, settings),
     }
     pipelines = {
         f"pipeline, dense ({name})": Pipeline(paper_rig(), load_settings(None, options))
@@ -46,8 +46,8 @@ def measure(threads: int, rounds: int) -> list[list[str]]:
     }
     times: dict[str, list[float]] = {}
     for _ in range(rounds + 1):
-        for what, (name, chosen) in matchers.items():
-            run = lambda name=name, chosen=chosen: MATCHERS[name](left, right, chosen)  # noqa: E731
+        for what, (matcher, chosen) in matchers.items():
+            run = lambda matcher=matcher, chosen=chosen: matcher(left, right, chosen)  # noqa: E731
             times.setdefault(what, []).append(time_once(run))
         for what, pipeline in pipelines.items():
             start = perf_counter()
