@@ -12,6 +12,7 @@ from roadblock.cli.detect import report, run
 from roadblock.cli.terminal import err, say, show_table
 from roadblock.config import Settings
 from roadblock.errors import OutputError
+from roadblock.eval.match import overlaps
 from roadblock.io.results import OVERLAY, prepare_folder
 from roadblock.io.rig import write_rig
 from roadblock.io.sources import open_source
@@ -84,6 +85,4 @@ def compare(street: Rendered, found: list[Obstacle]) -> None:
 
 def overlap(obstacle: Obstacle, true: TrueObject) -> float:
     """Return the intersection over union of both boxes."""
-    a, b = np.array(obstacle.box_px, float), np.array(true.box_px, float)
-    common = np.prod(np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0))
-    return float(common / (np.prod(a[2:] - a[:2]) + np.prod(b[2:] - b[:2]) - common))
+    return float(overlaps(np.array([obstacle.box_px], float), np.array([true.box_px], float))[0, 0])

@@ -9,10 +9,10 @@ from typing import Annotated, Any
 
 import typer
 import yaml
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import TextColumn
 
 from roadblock.cli.rig import FormatOption, SizeOption, UnitOption, open_rig
-from roadblock.cli.terminal import err, frames, note, say, show_nearest, summarize
+from roadblock.cli.terminal import frames, note, progress_bar, say, show_nearest, summarize
 from roadblock.config import Settings, load_settings
 from roadblock.errors import MissingExtraError, SettingsError
 from roadblock.io.results import OVERLAY, RESULTS, RUN, VIDEO, JsonlSink, prepare_folder, run_record, write_run
@@ -82,7 +82,7 @@ def run(source: StereoSource, spec: str, settings: Settings, out: Path | None, o
     with ExitStack() as stack:
         results = None if out is None else stack.enter_context(JsonlSink(prepare_folder(out) / RESULTS))
         pictures = _overlay_sink(source, out, stack) if out is not None and overlay else None
-        progress = stack.enter_context(_progress())
+        progress = stack.enter_context(progress_bar(TextColumn("{task.fields[found]}")))
         task = progress.add_task("detecting", total=source.length, found="")
         try:
             for pair in source:
@@ -131,19 +131,6 @@ def _overlay_sink(source: StereoSource, out: Path, stack: ExitStack) -> OverlayS
         except MissingExtraError as error:
             note(f"{error} - drawing pictures instead")
     return stack.enter_context(PictureSink(out / OVERLAY))
-
-
-def _progress() -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[found]}"),
-        console=err,
-        transient=True,
-        disable=not err.is_terminal,  # in a file or a pipe it would leave an empty line
-    )
 
 
 def _record(

@@ -12,12 +12,11 @@ import cv2
 import numpy as np
 import typer
 from numpy.typing import NDArray
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 import roadblock
 from roadblock.cli.detect import INTERRUPTED, rig_record
 from roadblock.cli.rig import FormatOption, SizeOption, UnitOption, open_rig
-from roadblock.cli.terminal import err, note, say, show_table
+from roadblock.cli.terminal import note, progress_bar, say, show_table
 from roadblock.config import make_settings
 from roadblock.detectors import DETECTORS
 from roadblock.errors import MissingExtraError, OutputError
@@ -157,7 +156,7 @@ def run(head: Mapping[str, Any], readings: Sequence[Mapping[str, Any]], rig: Ste
     result = _result(head, all_readings, machine, started, bool(todo))
     write_run(path, result)
     try:
-        with _progress() as progress:
+        with progress_bar() as progress:
             task = progress.add_task("measuring", total=runs, completed=runs - len(todo))
             for seed in todo:
                 all_readings += measure(seed, rig, head["settings"]["quality"])
@@ -167,18 +166,6 @@ def run(head: Mapping[str, Any], readings: Sequence[Mapping[str, Any]], rig: Ste
     except KeyboardInterrupt:
         pass  # the result says so
     return result
-
-
-def _progress() -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=err,
-        transient=True,
-        disable=not err.is_terminal,
-    )
 
 
 def _result(

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from roadblock.cli.detect import INTERRUPTED
 from roadblock.cli.rig import FormatOption, SizeOption, UnitOption, open_rig
-from roadblock.cli.terminal import err, frames, note, say
+from roadblock.cli.terminal import frames, note, progress_bar, say
 from roadblock.errors import SettingsError
 from roadblock.io.rig import write_rig
 from roadblock.sim import drive
@@ -94,7 +93,7 @@ def record(scene: Scene, rig: StereoRig, settings: DriveSettings, out: Path) -> 
     write_rig(rig, out / RIG)
     done = 0
     try:
-        with _progress() as progress:
+        with progress_bar() as progress:
             task = progress.add_task("rendering", total=settings.frames)
             for done in taken:
                 progress.update(task, completed=done)
@@ -102,18 +101,6 @@ def record(scene: Scene, rig: StereoRig, settings: DriveSettings, out: Path) -> 
         note(f"interrupted after {frames(done)} of {settings.frames}; the same command goes on from there")
         raise typer.Exit(INTERRUPTED) from None
     say(f"recording: {out} ({frames(done)})")
-
-
-def _progress() -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=err,
-        transient=True,
-        disable=not err.is_terminal,  # in a file or a pipe it would leave an empty line
-    )
 
 
 def in_words(scene: Scene) -> str:

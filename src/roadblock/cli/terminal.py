@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -34,6 +35,20 @@ def note(message: str) -> None:
 def say(message: str) -> None:
     """Print one line of result; it may be as long as it needs."""
     out.print(Text(_safe(message)), soft_wrap=True)
+
+
+def progress_bar(*columns: TextColumn) -> Progress:
+    """Return a progress bar on stderr, with further columns at its end; nothing where stderr is no terminal."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        *columns,
+        console=err,
+        transient=True,
+        disable=not err.is_terminal,  # in a file or a pipe it would leave an empty line
+    )
 
 
 def show_table(title: str, columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:

@@ -22,10 +22,7 @@ from roadblock.stages.bands import (
 from roadblock.stages.bands.segmentation import HALF, Labels
 from roadblock.stages.match import gray8
 from roadblock.values.frame import Image, RectifiedPair
-from roadblock.values.scene import Detections, FreeSpace, GroundPlane, Region
-
-NEAREST_FACE_PERCENT = 10
-"""As in triangulate: the nearest visible face is this percentile of the forward distance."""
+from roadblock.values.scene import NEAREST_FACE_PERCENT, Detections, FreeSpace, GroundPlane, Region
 
 GAP_PX = 4
 """Pieces of one target are no further apart than this, up or down."""

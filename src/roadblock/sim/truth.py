@@ -11,10 +11,7 @@ from roadblock.sim.scene import Scene
 from roadblock.sim.solids import Thing
 from roadblock.values.camera import StereoRig
 from roadblock.values.checks import FloatArray
-from roadblock.values.scene import GroundPlane
-
-NEAREST_PERCENTILE = 10.0
-"""Of the forward distance over the visible surface: the nearest face, robust to a hand or a mirror."""
+from roadblock.values.scene import NEAREST_FACE_PERCENT, GroundPlane
 
 FACE_DEPTH_M = 0.1
 """What lies at most this much behind the nearest face's distance belongs to that face."""
@@ -78,7 +75,7 @@ def _true_object(
     scene: Scene, rig: StereoRig, thing: Thing, pixels: NDArray[np.int64], points_m: FloatArray
 ) -> TrueObject:
     x, z = points_m[:, 0], points_m[:, 2]
-    nearest = float(np.percentile(z, NEAREST_PERCENTILE))
+    nearest = float(np.percentile(z, NEAREST_FACE_PERCENT))
     face = x[z <= nearest + FACE_DEPTH_M]
     foot = _on_height(scene, (face.min() + face.max()) / 2, nearest, thing.bounds_m(thing.T_world_thing)[0, 2])
     (u0, v0), (u1, v1) = pixels.min(0).tolist(), pixels.max(0).tolist()

@@ -17,7 +17,7 @@ from roadblock.geometry.stereo import image_from_car, triangulate
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.frame import DisparityMap, Image
-from roadblock.values.scene import FreeSpace, GroundPlane, Region
+from roadblock.values.scene import NEAREST_FACE_PERCENT, FreeSpace, GroundPlane, Region
 
 Mask = NDArray[np.bool_]
 Labels = NDArray[np.intp]
@@ -190,7 +190,7 @@ def find_regions(
         if len(piece[0]) * surface.cell_px**2 >= settings.area_px
         and (ground is None or h[piece].min() < settings.overhead_m)
     ]
-    cells.sort(key=lambda piece: float(np.percentile(z[piece], 10)))
+    cells.sort(key=lambda piece: float(np.percentile(z[piece], NEAREST_FACE_PERCENT)))
     regions: list[Region] = []
     for piece in cells:
         region = _region(piece, surface, image, rectification, ground, sigma_px, settings)
@@ -307,7 +307,7 @@ def _silhouette(cells: Cells, surface: Surface, height_px: int) -> NDArray[np.ui
 
 def _road_row(points: FloatArray, r: Rectification, ground: GroundPlane) -> float:
     """Return the image row where the nearest face meets the road."""
-    z = float(np.percentile(points[:, 2], 10))
+    z = float(np.percentile(points[:, 2], NEAREST_FACE_PERCENT))
     x = float(np.median(points[:, 0]))
     return float(image_from_car(r, ground.point_below(x, z))[1])
 

@@ -6,10 +6,7 @@ from roadblock.geometry.pose import transform, vehicle_from_car
 from roadblock.geometry.stereo import triangulate, triangulate_jacobian
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
-from roadblock.values.scene import GroundPlane, Obstacle, Region
-
-NEAREST_FACE_PERCENT = 10
-"""The nearest visible face is this percentile of the forward distance over the visible surface."""
+from roadblock.values.scene import NEAREST_FACE_PERCENT, GroundPlane, Obstacle, Region
 
 
 def locate(

@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 from roadblock.errors import ValueRefusedError
 from roadblock.values.checks import FloatArray, finite, locked, numbers, positive
 
+NEAREST_FACE_PERCENT = 10
+"""What range means everywhere: the nearest visible face is this percentile of the forward distance over the surface."""
+
 HEALTH_STATES = ("ok", "degraded", "failed")
 
 
