@@ -15,6 +15,13 @@ COEFFICIENTS: dict[str, tuple[int, ...]] = {"pinhole": (0,), "brown_conrady": (5
 """How many distortion coefficients each lens model takes, in OpenCV's order
 (Brown-Conrady k1 k2 p1 p2 k3 [k4 k5 k6], Kannala-Brandt k1 k2 k3 k4)."""
 
+COEFFICIENT_NAMES: dict[tuple[str, int], tuple[str, ...]] = {
+    ("pinhole", 0): (),
+    ("brown_conrady", 5): ("k1", "k2", "p1", "p2", "k3"),
+    ("brown_conrady", 8): ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    ("kannala_brandt", 4): ("k1", "k2", "k3", "k4"),
+}
+
 LARGEST_COEFFICIENT = 1e30
 """No lens comes near it; beyond it the lens functions would overflow."""
 
@@ -73,9 +80,53 @@ class Camera:
         object.__setattr__(self, "distortion", k)
 
     @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of its parameters in order: focal lengths, principal point, coefficients."""
+        return ("fx_px", "fy_px", "cx_px", "cy_px", *COEFFICIENT_NAMES[self.lens, len(self.distortion)])
+
+    @property
     def K(self) -> FloatArray:
         """Camera matrix, 3x3 (the paper's eqs. 2 and 5 multiplied out), in pixels."""
         return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1]])
+
+
+POSE_PARAMETERS = ("rx_rad", "ry_rad", "rz_rad", "tx_m", "ty_m", "tz_m")
+"""The relative pose's parameters: a small turn `R_left_right <- exp([r]) R_left_right`, and the translation."""
+
+
+def rig_parameters(left: Camera, right: Camera) -> tuple[str, ...]:
+    """Return the names of a rig's parameters in their order: "left.fx_px", ..., "right.k1", ..., "tz_m"."""
+    names = [f"{side}.{name}" for side, camera in (("left", left), ("right", right)) for name in camera.parameters]
+    return (*names, *POSE_PARAMETERS)
+
+
+@dataclass(frozen=True, eq=False)
+class RigCovariance:
+    """How sure a calibration is of the rig's parameters.
+
+    Attributes
+    ----------
+    names
+        As `rig_parameters` gives them.
+    matrix
+        (p, p) covariance, each entry in the units of its two names; rows of parameters that were held fixed are 0.
+
+    Raises
+    ------
+    ValueRefusedError
+        If the matrix is not of that size, not finite, not symmetric, or has negative variances.
+    """
+
+    names: tuple[str, ...]
+    matrix: FloatArray
+
+    def __post_init__(self) -> None:
+        count = len(self.names)
+        matrix = finite("covariance", self.matrix, (count, count))
+        scale = np.sqrt(np.abs(np.outer(matrix.diagonal(), matrix.diagonal())))
+        if (matrix.diagonal() < 0).any() or (np.abs(matrix - matrix.T) > 1e-9 * scale + 1e-300).any():
+            raise ValueRefusedError("covariance must be symmetric with variances >= 0: calibrate again")
+        object.__setattr__(self, "matrix", matrix)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +143,8 @@ class StereoRig:
     T_vehicle_car
         4x4 pose of the car frame (eq. 8) in the vehicle frame, metres, or None where no mounting is known:
         then the vehicle frame is the car frame re-axed (x forward, y left, z up).
+    covariance
+        How sure the calibration is of it; None where nobody said.
 
     Raises
     ------
@@ -106,8 +159,13 @@ class StereoRig:
     right: Camera
     T_left_right: FloatArray
     T_vehicle_car: FloatArray | None = None
+    covariance: RigCovariance | None = None
 
     def __post_init__(self) -> None:
+        if self.covariance is not None and self.covariance.names != (names := rig_parameters(self.left, self.right)):
+            raise ValueRefusedError(
+                f"covariance must be of {', '.join(names)}, but is of {', '.join(self.covariance.names)}"[:300]
+            )
         T = rigid_transform("T_left_right", self.T_left_right)
         object.__setattr__(self, "T_left_right", T)
         if self.T_vehicle_car is not None:
