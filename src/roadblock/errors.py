@@ -21,6 +21,10 @@ class SourceError(RoadblockError):
     """A recording that cannot be opened or read."""
 
 
+class CalibrationError(RoadblockError):
+    """A set of calibration views that cannot be used."""
+
+
 class SettingsError(RoadblockError):
     """A setting that does not exist or does not fit."""
 

@@ -4,6 +4,8 @@ One camera is split as in the paper: perspective (eqs. 4-5), the lens (which the
 the step from the physical image to pixels (eqs. 1-2).
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyval
@@ -90,6 +92,21 @@ def project_jacobian(camera: Camera, points: ArrayLike) -> FloatArray:
         return np.asarray(focal * (_matrix([[a, b], [b, c]]) @ _plane_jacobian(camera, points, plane)))
 
 
+def parameter_jacobian(camera: Camera, points: ArrayLike) -> FloatArray:
+    """Return d(u, v) / d(parameters) of `project`, (..., 2, 4 + k); NaN where it is.
+
+    Columns as in `Camera.parameters`: fx, fy, cx, cy (pixels per pixel), then the k coefficients (pixels).
+    """
+    with np.errstate(all="ignore"):
+        plane = _inside(_plane_from_point(camera, np.asarray(points, float)), fold_radius(camera))
+        x, y = np.moveaxis(_distort(camera, plane), -1, 0)
+        zero = 0 * x
+        pinhole = _matrix([[x, zero, 1 + zero, zero], [zero, y, zero, 1 + zero]])
+        focal = np.array([[camera.fx_px], [camera.fy_px]])
+        return np.concatenate([pinhole, focal * _coefficient_slopes(camera, plane)], -1)
+
+
+@lru_cache(maxsize=64)
 def fold_radius(camera: Camera) -> float:
     """Return the radius on the lens's plane up to which different points have different pixels; infinity if all have.
 
@@ -191,6 +208,25 @@ def _distort_slopes(camera: Camera, plane: FloatArray) -> tuple[FloatArray, Floa
     a = f + df * x * x + 2 * p1 * y + 6 * p2 * x
     c = f + df * y * y + 6 * p1 * y + 2 * p2 * x
     return a, df * x * y + 2 * (p1 * x + p2 * y), c
+
+
+def _coefficient_slopes(camera: Camera, plane: FloatArray) -> FloatArray:
+    """Derive `_distort` by the coefficients, (..., 2, k)."""
+    count = len(camera.distortion)
+    if count == 0:
+        return np.zeros((*plane.shape, 0))
+    x, y = np.moveaxis(plane, -1, 0)
+    r2 = x * x + y * y
+    num, den = _radial(camera.lens, camera.distortion)
+    below = polyval(r2, den.coef)
+    powers = r2[..., None] ** np.arange(1, 5 if camera.lens == "kannala_brandt" else 4) / below[..., None]
+    radial = plane[..., None] * powers[..., None, :]
+    if camera.lens == "kannala_brandt":
+        return np.asarray(radial)
+    tilts = _matrix([[2 * x * y, r2 + 2 * x * x], [r2 + 2 * y * y, 2 * x * y]])
+    f = polyval(r2, num.coef) / below
+    slopes = np.concatenate([radial[..., :2], tilts, radial[..., 2:], -f[..., None, None] * radial], -1)
+    return np.asarray(slopes[..., :count])
 
 
 def _undistort(camera: Camera, m: FloatArray) -> FloatArray:

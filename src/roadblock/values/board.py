@@ -87,7 +87,7 @@ class Board:
         """Whether its points cannot tell the board from itself turned by 180 degrees."""
         if self.kind == "chessboard":
             return (self.columns + self.rows) % 2 == 0
-        return self.kind == "circles" and self.rows % 2 == 1
+        return self.kind == "circles" and self.rows % 2 == 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from roadblock.errors import ValueRefusedError
 from roadblock.values.board import Board
 from roadblock.values.camera import Camera, StereoRig
@@ -12,6 +14,12 @@ Verdict = Literal["good", "usable", "refused"]
 
 RANGES_M = (5.0, 10.0, 20.0, 40.0)
 """Distances at which the range error caused by calibration is predicted."""
+
+
+def _rms(squares: FloatArray) -> float:
+    """Root of the mean of those that are known; NaN if none is."""
+    known = squares[np.isfinite(squares)]
+    return float(np.sqrt(known.mean())) if known.size else float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +56,13 @@ class ViewFit:
             object.__setattr__(self, name, numbers(name, getattr(self, name), (-1, 2)))
         for name in ("weight_left", "weight_right"):
             object.__setattr__(self, name, numbers(name, getattr(self, name), (len(self.residual_left_px),)))
+
+    @property
+    def rms_px(self) -> tuple[float, float]:
+        """Root mean square of the lengths of its residuals, (left, right), pixels; NaN where it was not seen."""
+        squares = [(residual_px**2).sum(-1) for residual_px in (self.residual_left_px, self.residual_right_px)]
+        left, right = (_rms(lengths_px2) for lengths_px2 in squares)
+        return left, right
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +200,11 @@ class Calibration:
     def __post_init__(self) -> None:
         if self.verdict not in ("good", "usable", "refused"):
             raise ValueRefusedError(f"verdict must be good, usable or refused, but got {self.verdict!r}")
+
+    @property
+    def range_rms_m(self) -> dict[float, float]:
+        """Distance in metres -> `range_sigma_m` as root mean square over the image area that both cameras see."""
+        return {distance_m: _rms(sigma_m**2) for distance_m, sigma_m in self.range_sigma_m.items()}
 
     @property
     def used(self) -> tuple[ViewFit, ...]:

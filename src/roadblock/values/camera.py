@@ -100,6 +100,10 @@ def rig_parameters(left: Camera, right: Camera) -> tuple[str, ...]:
     return (*names, *POSE_PARAMETERS)
 
 
+LARGEST_ROUNDING = 1e-8
+"""How far rounding may push a covariance's correlations off symmetry, and their eigenvalues below 0."""
+
+
 @dataclass(frozen=True, eq=False)
 class RigCovariance:
     """How sure a calibration is of the rig's parameters.
@@ -114,7 +118,7 @@ class RigCovariance:
     Raises
     ------
     ValueRefusedError
-        If the matrix is not of that size, not finite, not symmetric, or has negative variances.
+        If the matrix is not of that size, not finite, not symmetric, or gives some direction a negative variance.
     """
 
     names: tuple[str, ...]
@@ -123,9 +127,15 @@ class RigCovariance:
     def __post_init__(self) -> None:
         count = len(self.names)
         matrix = finite("covariance", self.matrix, (count, count))
-        scale = np.sqrt(np.abs(np.outer(matrix.diagonal(), matrix.diagonal())))
-        if (matrix.diagonal() < 0).any() or (np.abs(matrix - matrix.T) > 1e-9 * scale + 1e-300).any():
+        sigma = np.sqrt(np.abs(matrix.diagonal()))
+        with np.errstate(all="ignore"):
+            correlation = np.where(matrix == 0, 0.0, matrix / np.outer(sigma, sigma))
+            skew = np.abs(correlation - correlation.T) > LARGEST_ROUNDING
+        if (matrix.diagonal() < 0).any() or skew.any():
             raise ValueRefusedError("covariance must be symmetric with variances >= 0: calibrate again")
+        largest = np.abs(correlation).max(initial=0.0)
+        if largest > 1 + LARGEST_ROUNDING or np.linalg.eigvalsh(correlation).min(initial=0.0) < -LARGEST_ROUNDING:
+            raise ValueRefusedError("covariance must be positive semi-definite, but is not: calibrate again")
         object.__setattr__(self, "matrix", matrix)
 
 

@@ -8,7 +8,14 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from roadblock.errors import ValueRefusedError
-from roadblock.geometry.projection import camera_from_sensor, fold_radius, project, project_jacobian, unproject
+from roadblock.geometry.projection import (
+    camera_from_sensor,
+    fold_radius,
+    parameter_jacobian,
+    project,
+    project_jacobian,
+    unproject,
+)
 from roadblock.values.camera import Camera
 
 SIZE = (97, 61)
@@ -366,6 +373,56 @@ def test_project_jacobian_on_and_near_the_axis(camera: Camera, offset: float) ->
     np.testing.assert_allclose(J, central(camera, point), rtol=0, atol=1e-6 * np.abs(J).max())
     if offset == 0:
         np.testing.assert_allclose(J, [[camera.fx_px / 2.5, 0, 0], [0, camera.fy_px / 2.5, 0]], rtol=0, atol=1e-12)
+
+
+def with_parameters(camera: Camera, values: np.ndarray) -> Camera:
+    return Camera(camera.size_px, *values[:4], camera.lens, values[4:])
+
+
+def central_parameters(camera: Camera, point: np.ndarray) -> np.ndarray:
+    """Fourth-order central differences of `project` by the camera's parameters, (2, 4 + k)."""
+    values = np.r_[camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.distortion]
+    columns = []
+    for i in range(len(values)):
+        axis = np.eye(len(values))[i] * (0.5 if i < 4 else 1e-4 * max(1.0, abs(values[i])))
+        near, far = (
+            project(with_parameters(camera, values + k * axis), point)
+            - project(with_parameters(camera, values - k * axis), point)
+            for k in (1, 2)
+        )
+        columns.append((8 * near - far) / (12 * axis[i]))
+    return np.stack(columns, -1)
+
+
+@LENSES
+@pytest.mark.parametrize("point", [[0.7, -0.4, 2.0], [-0.9, 0.6, 2.5], [0.2, 0.5, 1.7], [0.0, 0.0, 3.0]])
+def test_parameter_jacobian_against_finite_differences(camera: Camera, point: list[float]) -> None:
+    J = parameter_jacobian(camera, point)
+    assert J.shape == (2, len(camera.parameters))
+    np.testing.assert_allclose(J, central_parameters(camera, np.array(point)), rtol=1e-7, atol=1e-8)
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(sane_cameras(), st.floats(5, 91), st.floats(5, 55), st.floats(0.3, 40))
+def test_parameter_jacobian_of_any_sane_camera(camera: Camera, u: float, v: float, far: float) -> None:
+    point = unproject(camera, [u, v]) * far
+    # A step may carry the fold over the point: there is nothing to compare with.
+    expected = central_parameters(camera, point)
+    assume(np.isfinite(expected).all())
+    J = parameter_jacobian(camera, point)
+    np.testing.assert_allclose(J, expected, rtol=1e-6, atol=1e-6 * np.abs(J).max())
+
+
+@LENSES
+def test_parameter_jacobian_is_unknown_where_the_pixel_is(camera: Camera) -> None:
+    points = np.array([[[0.1, 0.2, 1.0], [0.0, 0.0, -1.0]], [[np.nan, 0.0, 2.0], [0.1, 0.2, 1.0]]])
+    J = parameter_jacobian(camera, points)
+    assert J.shape == (2, 2, 2, len(camera.parameters))
+    assert np.isnan(J[0, 1]).all()
+    assert np.isnan(J[1, 0]).all()
+    np.testing.assert_array_equal(J[0, 0], J[1, 1])
+    np.testing.assert_array_equal(J[0, 0], parameter_jacobian(camera, [0.1, 0.2, 1.0]))
+    assert parameter_jacobian(camera, np.zeros((0, 3))).shape == (0, 2, len(camera.parameters))
 
 
 # --- speed -----------------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from roadblock.errors import RigError, ValueRefusedError
-from roadblock.values.camera import Camera, Rectification, StereoRig
+from roadblock.values.camera import POSE_PARAMETERS, Camera, Rectification, RigCovariance, StereoRig, rig_parameters
 
 SIZE = (97, 61)
 
@@ -173,6 +173,58 @@ def test_parallel_pinhole_twins_are_rectified() -> None:
 )
 def test_anything_else_is_not(rig: StereoRig) -> None:
     assert not rig.is_rectified
+
+
+# --- RigCovariance ----------------------------------------------------------------------------------------------------
+
+THREE = np.array([[4.0, 0.5, 0.0], [0.5, 1e-12, 0.0], [0.0, 0.0, 0.0]]) * [[1, 1e-6, 1], [1e-6, 1, 1], [1, 1, 1]]
+"""Two parameters of very different units, and one that was held fixed."""
+
+
+def test_parameters_have_names_in_order() -> None:
+    brown = camera(lens="brown_conrady", distortion=np.full(8, 0.01))
+    fish = camera(lens="kannala_brandt", distortion=np.full(4, 0.01))
+    assert brown.parameters[4:] == ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+    names = rig_parameters(camera(), fish)
+    assert names[:5] == ("left.fx_px", "left.fy_px", "left.cx_px", "left.cy_px", "right.fx_px")
+    assert names[8:12] == ("right.k1", "right.k2", "right.k3", "right.k4")
+    assert names[12:] == POSE_PARAMETERS
+
+
+def test_a_covariance_is_kept_as_it_is() -> None:
+    mine = THREE.copy()
+    covariance = RigCovariance(("a", "b", "c"), mine)
+    mine[0, 0] = 9
+    np.testing.assert_array_equal(covariance.matrix, THREE)
+    with pytest.raises(ValueError, match="read-only"):
+        covariance.matrix[0, 0] = 1
+
+
+@pytest.mark.parametrize(
+    ("matrix", "words"),
+    [
+        (THREE[:2], "covariance must have shape"),
+        (np.where(THREE == 4, np.nan, THREE), "covariance must be finite"),
+        (np.where(THREE == 4, -4, THREE), "symmetric with variances >= 0"),
+        (THREE * [[1, 1.001, 1], [1, 1, 1], [1, 1, 1]], "symmetric with variances >= 0"),
+        ([[4, 0, 1e-9], [0, 1, 0], [1e-9, 0, 0]], "positive semi-definite"),  # the fixed one moves along
+        (THREE * [[1, 5, 1], [5, 1, 1], [1, 1, 1]], "positive semi-definite"),  # a correlation of 1.25
+        ([[1, 0.9, 0.9], [0.9, 1, -0.9], [0.9, -0.9, 1]], "positive semi-definite"),  # each correlation alone may be
+        (np.full((3, 3), 1e308) * [[1, -1, 1], [1, 1, 1], [1, 1, 1]], "symmetric with variances >= 0"),
+    ],
+)
+def test_a_covariance_refuses_what_is_none(matrix: Any, words: str) -> None:
+    with pytest.raises(ValueRefusedError, match=words):
+        RigCovariance(("a", "b", "c"), matrix)
+
+
+def test_a_rig_refuses_a_covariance_of_other_parameters() -> None:
+    names = rig_parameters(camera(), camera())
+    good = RigCovariance(names, np.eye(len(names)))
+    assert StereoRig(camera(), camera(), beside(), covariance=good).covariance is good
+    other = RigCovariance(("left.k1", *names[1:]), np.eye(len(names)))
+    with pytest.raises(ValueRefusedError, match=r"covariance must be of left\.fx_px, left\.fy_px"):
+        StereoRig(camera(), camera(), beside(), covariance=other)
 
 
 # --- Rectification ----------------------------------------------------------------------------------------------------
