@@ -10,7 +10,7 @@ from roadblock.errors import SourceError
 from roadblock.stages.health import judge, looks_swapped
 from roadblock.stages.recognize import name_color
 from roadblock.stages.rectify import plan_rectification, rectify
-from roadblock.stages.triangulate import locate
+from roadblock.stages.triangulate import add_calibration_error, locate
 from roadblock.values.camera import StereoRig
 from roadblock.values.frame import RectifiedPair, StereoPair
 from roadblock.values.scene import FrameResult
@@ -58,10 +58,11 @@ class Pipeline:
         found = self.detect(rectified)
         timings_ms |= found.timings_ms
         with _timed(timings_ms, "triangulate"):
-            obstacles = [
+            located = [
                 locate(region, self.rectification, found.ground, name_color(region.color_rgb), self.rig.T_vehicle_car)
                 for region in found.regions
             ]
+            obstacles = add_calibration_error(located, self.rectification, self.rig)
         health = judge(found, self.settings.health)
         if health.state != "ok" and looks_swapped(rectified):
             raise SourceError(f"frame {pair.name}: the left and right images look swapped: exchange them")

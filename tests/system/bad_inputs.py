@@ -13,7 +13,8 @@ import numpy as np
 
 Spoil = Callable[[], object]
 """Makes the input bad. It works in a folder with a sound `recording` of three frames of 160x90, to be changed at will,
-and another one, `street`, of 480x270, to be left alone."""
+and, to be left alone, another one, `street`, of 480x270, and `boards`, 14 pictures of a 7x5 chessboard of 25 mm from
+each camera, 320x240."""
 
 
 class Bad(NamedTuple):
@@ -141,6 +142,41 @@ def opencv_rig(width: str = "image_width: 160\nimage_height: 90\n", D1: str = "0
     D = matrix("D1", 1, D1) + matrix("D2", 1, "0., 0., 0., 0., 0.")
     pose_ = matrix("R", 3, "1., 0., 0., 0., 1., 0., 0., 0., 1.") + matrix("T", 3, "-0.2, 0., 0.")
     return f"%YAML:1.0\n---\n{width}{matrix('M1', 3, K)}{matrix('M2', 3, K)}{D}{pose_}"
+
+
+def shots(*names: str, left: str = "left", right: str = "right") -> Spoil:
+    """Copy pictures of the board to `shots/left` and `shots/right`, all or those named; from other sides, if asked."""
+
+    def spoil() -> None:
+        for source, target in ((left, "left"), (right, "right")):
+            Path("shots", target).mkdir(parents=True, exist_ok=True)
+            for path in sorted(Path("boards", source).iterdir()):
+                if not names or path.stem in names:
+                    shutil.copy(path, Path("shots", target))
+
+    return spoil
+
+
+def each(folder: str, change: Callable[[np.ndarray], np.ndarray]) -> Spoil:
+    """Change every picture of a folder."""
+
+    def spoil() -> None:
+        for path in Path(folder).iterdir():
+            cv2.imwrite(str(path), change(cv2.imread(str(path), 0)))
+
+    return spoil
+
+
+def calibrate(pictures: str = "shots", board: str = "chessboard:7x5", length: str = "--square 25mm") -> str:
+    return f"calibrate {pictures} --board {board} {length}"
+
+
+def mirrored(image: np.ndarray) -> np.ndarray:
+    return image[:, ::-1]
+
+
+def noise(image: np.ndarray) -> np.ndarray:
+    return np.random.default_rng(int(image.sum())).integers(80, 120, image.shape, np.uint8)
 
 
 CAM = (
@@ -349,5 +385,106 @@ BAD: dict[str, tuple[Bad, ...]] = {
             both(edit(RIG, "lens: .*\n  distortion: .*", "lens: brown_conrady\n  distortion: [0.1, 0.2, 0, 0, 0.3]")),
             "rig convert recording/rig.yaml chain.yaml --to kalibr",
         ),
+    ),
+    "Calibration: what is asked for": (
+        Bad("calibrate: no board", command="calibrate boards --square 25mm"),
+        Bad("calibrate: a misspelt board", command=calibrate("boards", "chesboard:7x5")),
+        Bad("calibrate: a board without its rows", command=calibrate("boards", "chessboard:7")),
+        Bad("calibrate: a board of one row", command=calibrate("boards", "chessboard:7x1")),
+        Bad("calibrate: an unknown marker dictionary", command=calibrate("boards", "charuco:7x5:5x5_77")),
+        Bad("calibrate: more markers than the dictionary has", command=calibrate("boards", "charuco:14x10:4x4_50")),
+        Bad("calibrate: markers larger than their squares", command=calibrate("boards", "charuco:7x5:5x5_100:1.5")),
+        Bad("calibrate: no length", command="calibrate boards --board chessboard:7x5"),
+        Bad("calibrate: a length without unit", command=calibrate("boards", length="--square 25")),
+        Bad("calibrate: squares of 25 m", command=calibrate("boards", length="--square 25m")),
+        Bad("calibrate: a unit that is none", command=calibrate("boards", length="--square 25parsec")),
+        Bad("calibrate: a unit without a number", command=calibrate("boards", length="--square mm")),
+        Bad("calibrate: two lengths that disagree", command=calibrate("boards", length="--square 25mm --span 175mm")),
+        Bad("calibrate: an error without unit", command=calibrate("boards", length="--span 150mm --span-error 0.5")),
+        Bad("calibrate: an unknown lens", command=calibrate("boards", length="--square 25mm --lens fisheye")),
+        Bad(
+            "calibrate: `--out` is a file",
+            put("results.txt", ""),
+            calibrate("boards", length="--square 25mm --out results.txt"),
+        ),
+        Bad(
+            "calibrate: `--out` holds somebody else's rig.yaml",
+            command=calibrate("boards", length="--square 25mm --out recording"),
+        ),
+        Bad("calibrate: a folder stands where the rig belongs", command=f"{calibrate('boards')} -o recording"),
+    ),
+    "Calibration: pictures": (
+        Bad("calibrate: nothing is there", command=calibrate("nowhere")),
+        Bad("calibrate: a pattern that matches nothing", command=calibrate("'boards/l*.jpg' 'boards/r*.jpg'")),
+        Bad("calibrate: an empty folder", lambda: Path("shots").mkdir(), calibrate()),
+        Bad("calibrate: no picture", put("notes.pdf", b"%PDF"), calibrate("notes.pdf boards/right")),
+        Bad("calibrate: pictures of one camera", command=calibrate("boards/left")),
+        Bad("calibrate: left pictures only", copy("boards/left/00.png", "shots/left00.png"), calibrate()),
+        Bad("calibrate: one folder for both cameras", command=calibrate("boards/left boards/left")),
+        Bad(
+            "calibrate: a folder of left, right and others",
+            both(*(copy("boards/left/00.png", f"shots/{name}.png") for name in ("left1", "right1", "room"))),
+            calibrate(),
+        ),
+        Bad(
+            "calibrate: several pairs of folders",
+            both(shots("00"), copy("boards/left", "shots/l"), copy("boards/right", "shots/r")),
+            calibrate(),
+        ),
+        Bad(
+            "calibrate: nothing pairs", both(shots("00"), move("shots/right/00.png", "shots/right/50.png")), calibrate()
+        ),
+        Bad(
+            "calibrate: two pictures of one moment",
+            both(shots("00", "01"), copy("boards/left/00.png", "shots/left/00.bmp")),
+            calibrate(),
+        ),
+        Bad(
+            "calibrate: a picture of another size",
+            both(shots("00", "01"), draw("shots/left/01.png", GRAY)),
+            calibrate(),
+        ),
+        Bad(
+            "calibrate: cameras of two sizes",
+            both(shots("00", "01"), each("shots/right", lambda image: image[:200])),
+            calibrate(),
+        ),
+        Bad("calibrate: a picture cut short", both(shots("00", "01"), cut("shots/right/01.png")), calibrate()),
+        Bad("calibrate: a text with a picture's name", both(shots("00"), put("shots/left/00.png", "no")), calibrate()),
+        Bad("calibrate: the left pictures copied to the right", shots("00", right="left"), calibrate()),
+        Bad("calibrate: a video and pictures", film("a.mp4"), calibrate("a.mp4 boards/right")),
+        Bad("calibrate: one video for both cameras", film("a.mp4"), calibrate("a.mp4 a.mp4")),
+        Bad("calibrate: two videos of two sizes", both(film("a.mp4"), film("b.mp4", 96)), calibrate("a.mp4 b.mp4")),
+        Bad("calibrate: the video of one camera", film("a.mp4", 160), calibrate("a.mp4")),
+        Bad("calibrate: a video cut short", both(film("a.mp4"), cut("a.mp4")), calibrate("a.mp4")),
+    ),
+    "Calibration: what they show": (
+        Bad("calibrate: no board in any picture", command=calibrate("street")),
+        Bad("calibrate: another board than was said", shots("00", "01", "02"), calibrate(board="chessboard:9x6")),
+        Bad(
+            "calibrate: squares counted instead of corners", shots("00", "01", "02"), calibrate(board="chessboard:8x6")
+        ),
+        Bad(
+            "calibrate: one camera never sees the board",
+            both(shots("00", "01", "02"), each("shots/right", noise)),
+            calibrate(),
+        ),
+        Bad(
+            "calibrate: never both cameras at once",
+            both(
+                shots("00", "01", "02", "03"),
+                *(draw(f"shots/left/{n}.png", np.full((240, 320), 90, np.uint8)) for n in ("00", "01")),
+                *(draw(f"shots/right/{n}.png", np.full((240, 320), 95, np.uint8)) for n in ("02", "03")),
+            ),
+            calibrate(),
+        ),
+        Bad("calibrate: two views", shots("00", "01"), calibrate()),
+        Bad("calibrate: left and right exchanged", shots(left="right", right="left"), calibrate()),
+        Bad(
+            "calibrate: mirrored pictures of both cameras",
+            both(shots(), each("shots/left", mirrored), each("shots/right", mirrored)),
+            calibrate(),
+        ),
+        Bad("calibrate: mirrored pictures of one camera", both(shots(), each("shots/left", mirrored)), calibrate()),
     ),
 }

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from synthetic import record_street
+from synthetic import record_boards, record_street
 
 from roadblock.cli import main
 
@@ -47,6 +47,12 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def small_street(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three single frames of 160x90; read only."""
     return record_street(tmp_path_factory.mktemp("small") / "recording", 160, 3)
+
+
+@pytest.fixture(scope="session")
+def boards(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Fourteen pictures of a 7x5 chessboard from each camera, 320x240, in `left` and `right`; read only."""
+    return record_boards(tmp_path_factory.mktemp("boards"), 14, 5)
 
 
 @pytest.fixture

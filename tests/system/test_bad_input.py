@@ -37,9 +37,12 @@ def test_the_page_lists_what_is_tested() -> None:
 
 
 @pytest.mark.parametrize("bad", KINDS, ids=lambda bad: bad.what.replace("`", ""))
-def test_bad_input_gives_one_line(bad: Bad, work: Path, small_street: Path, street: Path, roadblock) -> None:
+def test_bad_input_gives_one_line(
+    bad: Bad, work: Path, small_street: Path, street: Path, boards: Path, roadblock
+) -> None:
     shutil.copytree(small_street, "recording")
     Path("street").symlink_to(street)
+    Path("boards").symlink_to(boards)
     bad.spoil()
     before = {path: path.read_bytes() for path in work.rglob("*") if path.is_file()}
 

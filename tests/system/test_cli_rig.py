@@ -1,5 +1,8 @@
-"""`roadblock rig show` and `roadblock rig convert`."""
+"""`roadblock rig show`, `roadblock rig convert` and `roadblock rig compare`."""
 
+import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +12,10 @@ from scipy.spatial.transform import Rotation
 from roadblock.cli.rig import parse_pair, parse_size, parse_unit
 from roadblock.errors import SettingsError
 from roadblock.geometry.pose import pose
+from roadblock.geometry.uncertainty import moved_rig
+from roadblock.io.results import read_results
 from roadblock.io.rig import read_rig, write_rig
-from roadblock.values.camera import Camera, StereoRig
+from roadblock.values.camera import Camera, RigCovariance, StereoRig, rig_parameters
 
 
 def crooked_rig() -> StereoRig:
@@ -51,6 +56,121 @@ def test_there_and_back_is_the_same_rig(roadblock, rig_file: Path, to: str) -> N
     assert all(path.is_file() for path in written)
     assert roadblock("rig", "convert", "there/other", "back.yaml", "--format", to).code == 0
     assert_same(read_rig("back.yaml"), crooked_rig())
+
+
+def sure_rig(sigma_rad: float = 1e-5) -> StereoRig:
+    """Known exactly but for its turns."""
+    rig = crooked_rig()
+    names = rig_parameters(rig.left, rig.right)
+    variances = np.where([name.endswith("_rad") for name in names], sigma_rad**2, 0.0)
+    return replace(rig, covariance=RigCovariance(names, np.diag(variances)))
+
+
+def turned(rig: StereoRig, ry_rad: float) -> StereoRig:
+    return moved_rig(rig, [ry_rad * (name == "ry_rad") for name in rig_parameters(rig.left, rig.right)])
+
+
+def test_what_the_calibration_does_reaches_the_results(roadblock, recording: Path) -> None:
+    plain = roadblock("detect", recording, "--out", "plain")
+    assert "calibration" not in plain.out
+    (rig_file,) = recording.glob("rig.yaml")
+    rig = read_rig(rig_file)
+    names = rig_parameters(rig.left, rig.right)
+    variances = np.where([name == "tx_m" for name in names], 0.01**2 * rig.baseline_m**2, 0.0)  # 1 % of the baseline
+    write_rig(replace(rig, covariance=RigCovariance(names, np.diag(variances))), rig_file)
+    ran = roadblock("detect", recording, "--out", "sure")
+    assert (ran.code, ran.err) == (0, plain.err)
+    assert "calibration" in ran.out
+    before, after = (read_results(Path(folder, "obstacles.jsonl")) for folder in ("plain", "sure"))
+    found = 0
+    for one, two in zip(before, after, strict=True):
+        for a, b in zip(one["obstacles"], two["obstacles"], strict=True):
+            assert (a["range_m"], a["range_sigma_calib_m"], a["cov_calib_m2"]) == (b["range_m"], None, None)
+            assert b["range_sigma_calib_m"] == pytest.approx(0.01 * b["range_m"], abs=6e-5)
+            assert b["cov_calib_m2"][0][0] == pytest.approx((0.01 * b["range_m"]) ** 2, rel=0.01)
+            found += 1
+    assert found > 2
+    told = json.loads(Path("sure/run.json").read_text())["rig"]["calibration"]
+    assert told["covariance"]["names"] == list(names)
+
+
+def test_show_says_how_sure_ranges_are(roadblock, work: Path) -> None:
+    write_rig(sure_rig(), "rig.yaml")
+    ran = roadblock("rig", "show", "rig.yaml")
+    assert (ran.code, ran.err) == (0, "")
+    assert [f"range error from calibration at {z} m" in ran.out for z in (5, 10, 20, 40)] == [True] * 4
+    assert "1 sigma; worst corner" in " ".join(ran.out.split())
+
+
+def test_convert_says_what_it_loses(roadblock, work: Path) -> None:
+    write_rig(sure_rig(), "rig.yaml")
+    ran = roadblock("rig", "convert", "rig.yaml", "other.yaml", "--to", "kalibr")
+    assert ran.code == 0
+    assert ran.err == (
+        "note: kalibr files have no room for the covariance: the range error from calibration is unknown there\n"
+    )
+    assert roadblock("rig", "convert", "rig.yaml", "same.yaml").err == ""
+
+
+def compared(roadblock, a: StereoRig, b: StereoRig):
+    write_rig(a, "a.yaml")
+    write_rig(b, "b.yaml")
+    return roadblock("rig", "compare", "a.yaml", "b.yaml")
+
+
+def test_compare_finds_the_same(roadblock, work: Path) -> None:
+    ran = compared(roadblock, sure_rig(), turned(sure_rig(), 3e-5))
+    assert (ran.code, ran.err) == (0, "")
+    assert re.fullmatch(r"the same within their errors \(p = 0\.\d+\)", ran.out.splitlines()[-1])
+    row = next(line.split() for line in ran.out.splitlines() if line.strip().startswith("turn about y (deg)"))
+    assert row[-3:] == ["+0.00172", "0.00081", "+2.1"]  # 3e-5 rad, sqrt(2) * 1e-5, their ratio
+
+
+def test_compare_finds_a_move(roadblock, work: Path) -> None:
+    """The right camera turned by 0.5 mrad to the right: 0.5e-3 Z^2 / B at the middle."""
+    ran = compared(roadblock, sure_rig(), turned(sure_rig(), 0.5e-3))
+    assert (ran.code, ran.err) == (0, "")
+    told = re.fullmatch(
+        r"moved: ranges at 20 m are off by (\S+) m, at worst (\S+) m \(p < 1e-6\)", ran.out.splitlines()[-1]
+    )
+    assert told is not None
+    assert float(told[1]) == pytest.approx(-(20**2) / 0.205 * 0.5e-3, rel=0.15)
+    assert float(told[2]) < float(told[1])
+    first = next(line.split() for line in ran.out.splitlines() if line.strip().startswith("20 m"))
+    assert first[2:4] == [told[1], told[2]]
+
+
+def test_compare_without_a_covariance_says_what_differs_but_not_whether(roadblock, rig_file: Path) -> None:
+    ran = compared(roadblock, crooked_rig(), turned(sure_rig(), 0.5e-3))
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.splitlines()[-1] == "cannot be told: no covariance in a.yaml"
+    assert "+0.0286" in ran.out  # degrees
+    ran = roadblock("rig", "compare", rig_file, rig_file)
+    assert ran.out.splitlines()[-1] == "cannot be told: no covariance in rig.yaml and rig.yaml"
+
+
+def test_compare_takes_other_lenses_and_refuses_other_sizes(roadblock, work: Path) -> None:
+    rig = sure_rig()
+    wide = Camera((97, 61), 81.3, 77.9, 44.2, 33.1, "kannala_brandt", np.zeros(4))
+    names = rig_parameters(wide, wide)
+    fisheye = StereoRig(wide, wide, rig.T_left_right, None, RigCovariance(names, 1e-10 * np.eye(len(names))))
+    ran = compared(roadblock, rig, fisheye)
+    assert ran.code == 0
+    assert ran.err.startswith("note: the lens models differ: only the pose and what both do to the images")
+    assert ran.out.splitlines()[-1].startswith("moved: ")
+    small = Camera((48, 30), 40.0, 40.0, 24.0, 15.0)
+    ran = compared(roadblock, rig, StereoRig(small, small, rig.T_left_right))
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.startswith("error: rigs can be compared at one image size, but these are for 97x61 and 48x30")
+    assert ran.err.count("\n") == 1
+
+
+def test_compare_where_nothing_near_is_seen_by_both(roadblock, work: Path) -> None:
+    narrow = Camera((97, 61), 2000.0, 2000.0, 48.0, 30.0)
+    ran = compared(roadblock, rig := StereoRig(narrow, narrow, pose(np.eye(3), (0.5, 0, 0))), rig)
+    assert (ran.code, ran.err) == (0, "")
+    row = next(line.split() for line in ran.out.splitlines() if line.strip().startswith("5 m"))
+    assert row == ["5", "m", "-", "-", "-", "-", "-"]
 
 
 def test_two_files_are_given_as_a_folder_or_one_beside_the_other(roadblock, rig_file: Path) -> None:

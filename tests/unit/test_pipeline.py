@@ -15,7 +15,7 @@ from roadblock.pipeline import Pipeline
 from roadblock.sim.render import Rendered, render
 from roadblock.sim.scene import demo_street, paper_rig
 from roadblock.sim.truth import TrueObject
-from roadblock.values.camera import Camera, StereoRig
+from roadblock.values.camera import Camera, RigCovariance, StereoRig, rig_parameters
 from roadblock.values.frame import RectifiedPair, StereoPair
 from roadblock.values.scene import FrameResult, Obstacle
 
@@ -236,6 +236,24 @@ def test_a_mounting_moves_every_place(small: Rendered, small_result: FrameResult
 
 
 # --- what is refused, and what is doubted -----------------------------------------------------------------------------
+
+
+def test_a_covariance_of_the_rig_reaches_every_obstacle(small: Rendered, small_result: FrameResult) -> None:
+    """0.01 degrees of vergence are Z^2 / B * angle, at the middle of the image."""
+    plain = half_rig()
+    names = rig_parameters(plain.left, plain.right)
+    sigma_rad = np.radians(0.01)
+    variances = np.where(np.array(names) == "ry_rad", sigma_rad**2, 0.0)
+    rig = replace(plain, covariance=RigCovariance(names, np.diag(variances)))
+    result = Pipeline(rig).step(small.pair)[0]
+    assert len(result.obstacles) == len(small_result.obstacles) > 3
+    for told, before in zip(result.obstacles, small_result.obstacles, strict=True):
+        assert told.range_m == before.range_m
+        assert np.isnan(before.cov_calib_m2).all()
+        slope = (told.position_m[1] + 0.1025) / told.range_m  # in the right camera, left of its axis
+        expected = told.range_m**2 / 0.205 * sigma_rad * (1 + slope**2)
+        assert told.range_sigma_calib_m == pytest.approx(expected, rel=0.02)
+        assert told.cov_calib_m2[0, 0] == pytest.approx(told.range_sigma_calib_m**2)
 
 
 def test_exchanged_images_are_refused(small: Rendered) -> None:

@@ -11,7 +11,9 @@ from roadblock.cli.demo import demo
 from roadblock.cli.detect import detect
 from roadblock.cli.doctor import doctor
 from roadblock.cli.experiment import experiment_app
+from roadblock.cli.mount import calibrate_mount
 from roadblock.cli.rig import rig_app
+from roadblock.cli.rigcheck import check
 from roadblock.cli.simulate import simulate
 from roadblock.cli.terminal import fail, say
 from roadblock.errors import RoadblockError
@@ -26,8 +28,10 @@ app = typer.Typer(
 app.command()(detect)
 app.command()(demo)
 app.command()(simulate)
+app.command("calibrate-mount")(calibrate_mount)
 app.command()(doctor)
 app.add_typer(experiment_app, name="experiment")
+rig_app.command("check")(check)
 app.add_typer(rig_app, name="rig")
 
 

@@ -1,4 +1,4 @@
-"""`roadblock rig`: look at rig files and convert them."""
+"""`roadblock rig`: look at rig files, convert them, and compare two calibrations of one rig."""
 
 import re
 from pathlib import Path
@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from roadblock.cli.terminal import say, show_table
+from roadblock.cli.rig_change import show_change
+from roadblock.cli.terminal import note, say, show_table
 from roadblock.errors import SettingsError
 from roadblock.io.rig import READERS, WRITERS, describe_rig, read_rig, write_rig
 from roadblock.values.camera import StereoRig
@@ -27,7 +28,7 @@ RightOption = Annotated[
     Path | None, typer.Option("--right", help="Second file of a two-file format (ROS right.yaml, OpenCV extrinsics).")
 ]
 
-rig_app = typer.Typer(help="Look at rig files and convert them.", no_args_is_help=True)
+rig_app = typer.Typer(help="Look at rig files, convert and compare them.", no_args_is_help=True)
 
 
 @rig_app.command("show")
@@ -55,8 +56,25 @@ def convert(
     pair: PairOption = None,
 ) -> None:
     """Read a rig of any known format and write it in another one."""
-    for path in write_rig(open_rig(file, rig_format, unit, size, right, pair), target, to):
+    rig = open_rig(file, rig_format, unit, size, right, pair)
+    for path in write_rig(rig, target, to):
         say(f"wrote {path}")
+    if rig.covariance is not None and to != "roadblock":
+        note(f"{to} files have no room for the covariance: the range error from calibration is unknown there")
+
+
+@rig_app.command("compare")
+def compare(
+    first: Annotated[Path, typer.Argument(metavar="A", help="Rig file, or folder with a pair of them.")],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Another calibration of the same rig.")],
+    unit: UnitOption = "m",
+    size: SizeOption = None,
+    rig_format: FormatOption = None,
+    pair: PairOption = None,
+) -> None:
+    """Say how far off ranges are if A is used and B is true, and whether the rig has moved."""
+    used, true = (open_rig(file, rig_format, unit, size, None, pair) for file in (first, second))
+    show_change(str(first), str(second), used, true)
 
 
 def open_rig(

@@ -1,5 +1,6 @@
 """What the command line prints: errors, notes and tables."""
 
+import math
 from collections.abc import Iterable
 
 from rich.box import SIMPLE_HEAD
@@ -64,8 +65,13 @@ def show_table(title: str, columns: Iterable[str], rows: Iterable[Iterable[str]]
 def show_nearest(title: str, found: Iterable[tuple[str, Obstacle]]) -> None:
     """Print the nearest obstacles of (frame name, obstacle) pairs."""
     nearest = sorted(found, key=lambda pair: pair[1].range_m)[:NEAREST]
-    columns = ("frame", "what", ">range (m)", ">side (m)", ">width x height (m)")
-    show_table(title, columns, ([name, *_describe(obstacle)] for name, obstacle in nearest))
+    columns = ["frame", "what", ">range (m)", ">side (m)", ">width x height (m)"]
+    rows = [[name, *_describe(obstacle)] for name, obstacle in nearest]
+    if any(math.isfinite(obstacle.range_sigma_calib_m) for _, obstacle in nearest):
+        columns.insert(3, ">calibration (m)")
+        for row, (_, obstacle) in zip(rows, nearest, strict=True):
+            row.insert(3, f"± {obstacle.range_sigma_calib_m:.2f}")
+    show_table(title, columns, rows)
 
 
 def _describe(o: Obstacle) -> list[str]:

@@ -15,6 +15,9 @@ from roadblock.values.checks import FloatArray, finite
 STEP = 1e-4
 """Radians, and share of the baseline, for the slopes of the rectifying rotations; their error is its square."""
 
+WIDEST_DEG = 60.0
+"""Angle from straight ahead, across or down, up to which points count as seen: there rectified images end."""
+
 
 def moved_rig(rig: StereoRig, delta: ArrayLike) -> StereoRig:
     """Return the rig whose parameters differ by `delta`.
@@ -67,33 +70,45 @@ def calibration_jacobian(rig: StereoRig, points_car: ArrayLike) -> FloatArray:
     NaN or that a camera does not project.
     """
     points = np.asarray(points_car, float)
-    half = (rig.baseline_m / 2, 0.0, 0.0)
-    left_count, right_count = (len(camera.parameters) for camera in (rig.left, rig.right))
-    turn_left, turn_right, dB = _rectification_slopes(rig)
-    R_left, R_right = rectifying_rotations(rig.T_left_right)
+    slopes = rectified_jacobian(rig, points)
+    x, y, z = (points[:, i, None] for i in range(3))
     B = rig.baseline_m
-    a, by_left, by_turn_left = _view_slopes(rig.left, R_left, points + half, turn_left)
-    _, by_right, by_turn_right = _view_slopes(rig.right, R_right, points - half, turn_right)
-    d_left = np.zeros((len(points), 2, left_count + right_count + 6))  # of x/z and y/z in the left rectified camera
-    d_right = np.zeros_like(d_left)
-    d_left[..., :left_count], d_left[..., -6:] = by_left, by_turn_left
-    d_right[..., left_count:-6], d_right[..., -6:] = by_right, by_turn_right
-    z = points[:, 2:]
-    d_baseline = np.r_[np.zeros(left_count + right_count + 3), dB]
+    d_baseline = np.zeros(slopes.shape[-1])
+    d_baseline[-3:] = rig.T_left_right[:3, 3] / B
     with np.errstate(all="ignore"):
-        dz = z / B * (d_baseline - z * (d_left[:, 0] - d_right[:, 0]))
-        dx = d_left[:, 0] * z + a[:, :1] * dz - d_baseline / 2
-        dy = d_left[:, 1] * z + a[:, 1:] * dz
-    J = np.stack([dx, dy, dz], 1)
-    return np.where(np.isnan(J).any((1, 2), keepdims=True), np.nan, J)
+        dz = z / B * (d_baseline - z * (slopes[:, 0, 0] - slopes[:, 1, 0]))
+        dx = slopes[:, 0, 0] * z + (x + B / 2) / z * dz - d_baseline / 2
+        dy = slopes[:, 0, 1] * z + y / z * dz
+    return np.stack([dx, dy, dz], 1)
+
+
+def rectified_jacobian(rig: StereoRig, points_car: ArrayLike) -> FloatArray:
+    """Return how rectified positions change with the rig's parameters while the raw pixels stay.
+
+    Parameters
+    ----------
+    rig, points_car
+        As in `calibration_jacobian`.
+
+    Returns
+    -------
+    (n, 2, 2, p) d(x/z, y/z) / d(parameters) in the left and in the right rectified camera; times the focal length it
+    is in pixels. NaN for points that are NaN or that a camera does not project.
+    """
+    points = np.asarray(points_car, float)
+    half = (rig.baseline_m / 2, 0.0, 0.0)
+    first, second = (len(camera.parameters) for camera in (rig.left, rig.right))
+    turns = _rectification_slopes(rig)
+    R_left, R_right = rectifying_rotations(rig.T_left_right)
+    slopes = np.zeros((len(points), 2, 2, first + second + 6))
+    slopes[:, 0, :, :first], slopes[:, 0, :, -6:] = _view_slopes(rig.left, R_left, points + half, turns[0])
+    slopes[:, 1, :, first:-6], slopes[:, 1, :, -6:] = _view_slopes(rig.right, R_right, points - half, turns[1])
+    return np.where(np.isfinite(slopes).all((1, 2, 3), keepdims=True), slopes, np.nan)
 
 
 @lru_cache(maxsize=64)
-def _rectification_slopes(rig: StereoRig) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Derive `rectifying_rotations` by the pose's 6 parameters, and the baseline by the translation.
-
-    Two (3, 6) turns `w` of the rectified frames, `dR = [w] R` with their units rad/rad and rad/m, and (3,) m/m.
-    """
+def _rectification_slopes(rig: StereoRig) -> FloatArray:
+    """Derive `rectifying_rotations` by the pose's 6 parameters: (2, 3, 6) turns w, `dR = [w] R`, rad/rad and rad/m."""
     T = rig.T_left_right
     turns: list[list[FloatArray]] = [[], []]
     for axis, step in zip(np.eye(6), np.repeat([STEP, STEP * rig.baseline_m], 3), strict=True):
@@ -103,16 +118,13 @@ def _rectification_slopes(rig: StereoRig) -> tuple[FloatArray, FloatArray, Float
         ]
         for side, (ahead, behind) in zip(turns, zip(*ends, strict=True), strict=True):
             side.append(rotvec_from_rotation(ahead @ behind.T) / (2 * step))
-    return np.stack(turns[0], -1), np.stack(turns[1], -1), T[:3, 3] / rig.baseline_m
+    return np.stack([np.stack(side, -1) for side in turns])
 
 
 def _view_slopes(
     camera: Camera, R_rect: FloatArray, points_rect: FloatArray, turns: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return x/z, y/z (n, 2) of points in a rectified camera, and their slopes while the raw pixel stays.
-
-    The slopes are (n, 2, 4 + k) by the camera's parameters and (n, 2, 6) by the pose's.
-    """
+) -> tuple[FloatArray, FloatArray]:
+    """Derive x/z, y/z in a rectified camera at fixed raw pixels: (n, 2, 4 + k) by the camera, (n, 2, 6) by the pose."""
     with np.errstate(all="ignore"):
         points = points_rect @ R_rect  # in the camera's own frame
         by_point, by_parameter = project_jacobian(camera, points), parameter_jacobian(camera, points)
@@ -125,7 +137,7 @@ def _view_slopes(
         # 0 = by_point dp + by_parameter dk; the part of dp along the ray does not matter.
         bend = -look @ R_rect @ by_point.swapaxes(-1, -2) @ inverse_2x2 @ by_parameter
         turn = look @ np.cross(turns.T[None], points_rect[:, None]).swapaxes(-1, -2)
-        return np.stack([x / z, y / z], -1), bend, turn
+        return bend, turn
 
 
 def calibration_cov(rig: StereoRig, points_car: ArrayLike) -> FloatArray:
@@ -163,15 +175,17 @@ def seen_points(rig: StereoRig, distance_m: float, rows: int = 5, columns: int =
 
     Returns
     -------
-    (rows, columns, 3) in the car frame, metres; NaN where the left lens looks nowhere ahead, or the point is outside
-    the right image.
+    (rows, columns, 3) in the car frame, metres; NaN where the left lens looks nowhere ahead or more than
+    `WIDEST_DEG` aside, or the point is outside the right image.
     """
     width, height = rig.left.size_px
     u, v = np.meshgrid((np.arange(columns) + 0.5) / columns * width, (np.arange(rows) + 0.5) / rows * height)
     R_left, _ = rectifying_rotations(rig.T_left_right)
     rays = unproject(rig.left, np.stack([u - 0.5, v - 0.5], -1)) @ R_left.T
     with np.errstate(all="ignore"):
-        points_rect = rays / np.where(rays[..., 2:] > 0, rays[..., 2:], np.nan) * distance_m
+        slopes = rays / np.where(rays[..., 2:] > 0, rays[..., 2:], np.nan)
+        inside = np.abs(slopes).max(-1, keepdims=True) <= np.tan(np.radians(WIDEST_DEG))
+        points_rect = np.where(inside, slopes, np.nan) * distance_m
         u, v = np.moveaxis(project(rig.right, transform(inverse(rig.T_left_right), points_rect @ R_left)), -1, 0)
         seen = (np.abs(u - (width - 1) / 2) <= width / 2) & (np.abs(v - (height - 1) / 2) <= height / 2)
         return np.where(seen[..., None], points_rect - (rig.baseline_m / 2, 0, 0), np.nan)
@@ -187,8 +201,7 @@ def range_sigma(rig: StereoRig, distance_m: float, rows: int = 5, columns: int =
 
     Returns
     -------
-    (rows, columns) metres, rows from the image's top; NaN where the right camera does not see that point or the rig has
-    no covariance.
+    (rows, columns) metres, rows from the image's top; NaN where `seen_points` is, or the rig has no covariance.
     """
     points = seen_points(rig, distance_m, rows, columns).reshape(-1, 3)
     variance = calibration_cov(rig, points)[:, 2, 2].reshape(rows, columns)

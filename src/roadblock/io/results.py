@@ -58,7 +58,7 @@ def frame_record(result: FrameResult) -> dict[str, Any]:
     Returns
     -------
     The fields of `roadblock.io.schema.FrameRecord`: metres rounded to 4 decimals, pixels to 2, radians to 6,
-    milliseconds to 3; NaN and infinity become None.
+    milliseconds to 3, covariances to 9 significant digits; NaN and infinity become None.
     """
     return {
         "schema": SCHEMA,
@@ -82,12 +82,21 @@ def _obstacle_record(obstacle: Obstacle) -> dict[str, Any]:
         "position_m": numbers(obstacle.position_m, METRE_DIGITS),
         "range_m": number(obstacle.range_m, METRE_DIGITS),
         "range_sigma_m": number(obstacle.range_sigma_m, METRE_DIGITS),
+        "range_sigma_calib_m": number(obstacle.range_sigma_calib_m, METRE_DIGITS),
+        "cov_calib_m2": _covariance_rows(obstacle.cov_calib_m2),
         "size_m": numbers(obstacle.size_m, METRE_DIGITS),
         "box_px": [int(edge) for edge in obstacle.box_px],
         "contour_px": np.asarray(obstacle.contour_px, int).reshape(-1, 2).tolist(),
         "velocity_mps": None,
         "ttc_s": None,
     }
+
+
+def _covariance_rows(cov: np.ndarray) -> list[list[float]] | None:
+    """Return a covariance with enough digits to stay one, though its directions differ by orders of magnitude."""
+    if not np.isfinite(cov).all():
+        return None
+    return [[float(f"{value:.9g}") for value in row] for row in cov.tolist()]
 
 
 def _free_space_record(free_space: FreeSpace) -> dict[str, Any]:

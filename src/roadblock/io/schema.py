@@ -28,6 +28,8 @@ class ObstacleRecord(Record):
     position_m: Triple
     range_m: float
     range_sigma_m: float | None
+    range_sigma_calib_m: float | None = None
+    cov_calib_m2: Annotated[list[Triple], Field(min_length=3, max_length=3)] | None = None
     size_m: Annotated[list[float | None], Field(min_length=3, max_length=3)]
     box_px: Box
     contour_px: list[Pixel]

@@ -289,7 +289,7 @@ def _sighted(scene: Scene, rig: StereoRig, side: str, quality: Quality, workers:
             *moments[t_s][:2], rays, moments[t_s].candidates, tags, inner, mixed, first, last, lists, textures, image
         )
 
-    inner, mixed = _offsets(height, quality.inner), _offsets(height, quality.mixed)
+    inner, mixed = sub_pixel_places(height, quality.inner), sub_pixel_places(height, quality.mixed)
     _by_bands(bands, workers, look)
     if quality.mixed > 1 or quality.inner > 1:
         _by_bands(bands, workers, average)
@@ -314,7 +314,7 @@ def _bands(delay_s: FloatArray) -> list[tuple[int, int, float]]:
 
 
 @lru_cache(maxsize=8)
-def _offsets(height: int, samples: int) -> FloatArray:
+def sub_pixel_places(height: int, samples: int) -> FloatArray:
     """Return (height, samples, 2) sub-pixel places, -0.5..0.5; for one sample the pixel's centre.
 
     Each row has its own shuffle (Owen's) of a (0, 2)-sequence (Sobol's), which fills every column, row and block of the

@@ -162,7 +162,7 @@ class StereoRig:
         If the cameras are swapped, stand one above the other, differ in size, or the baseline cannot be
         one of a vehicle.
     ValueRefusedError
-        If a transform is no rigid transform.
+        If a transform is no rigid transform, or the covariance one of other parameters.
     """
 
     left: Camera
@@ -172,10 +172,8 @@ class StereoRig:
     covariance: RigCovariance | None = None
 
     def __post_init__(self) -> None:
-        if self.covariance is not None and self.covariance.names != (names := rig_parameters(self.left, self.right)):
-            raise ValueRefusedError(
-                f"covariance must be of {', '.join(names)}, but is of {', '.join(self.covariance.names)}"[:300]
-            )
+        if self.covariance is not None:
+            _check_names(self.covariance.names, rig_parameters(self.left, self.right))
         T = rigid_transform("T_left_right", self.T_left_right)
         object.__setattr__(self, "T_left_right", T)
         if self.T_vehicle_car is not None:
@@ -218,6 +216,17 @@ class StereoRig:
         parallel = np.array_equal(self.T_left_right[:3, :3], np.eye(3))
         beside = not self.T_left_right[1:3, 3].any()
         return same and b.fy_px == b.fx_px and parallel and beside and a.lens == b.lens == "pinhole"
+
+
+def _check_names(names: tuple[str, ...], expected: tuple[str, ...]) -> None:
+    if names == expected:
+        return
+    both = zip((*names, "nothing"), (*expected, "nothing"), strict=False)
+    i, (found, wanted) = next((i, pair) for i, pair in enumerate(both) if pair[0] != pair[1])
+    raise ValueRefusedError(
+        f"covariance must be of these cameras' {len(expected)} parameters, but number {i + 1} is {found:.40} where "
+        f"{wanted} is expected: take the covariance of the same calibration"
+    )
 
 
 @dataclass(frozen=True, eq=False)

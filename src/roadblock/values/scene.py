@@ -165,7 +165,7 @@ class Obstacle:
         Forward distance from the point halfway between the cameras to the nearest visible face (10th percentile over
         the visible surface), metres.
     range_sigma_m
-        Its standard deviation, metres.
+        Its standard deviation from matching noise alone, metres: independent from frame to frame.
     size_m
         (3,) width, height, length, metres; length NaN where it is not visible.
     uvd_px, cov_uvd_px2
@@ -178,11 +178,16 @@ class Obstacle:
         Name of its mean colour, None for grey cameras.
     label, probability
         Class and its probability; "unknown" and NaN until recognised.
+    cov_calib_m2
+        (3, 3) covariance of `position_m` from the rig's calibration. **The same every frame: a bias, never averaged
+        away**, and shared by all obstacles of one rig. NaN where the rig has no covariance.
+    range_sigma_calib_m
+        Standard deviation of `range_m` from the rig's calibration, metres; likewise a bias, and NaN where unknown.
 
     Raises
     ------
     ValueRefusedError
-        If the position is not finite or the range not positive.
+        If the position is not finite, the range not positive, or `cov_calib_m2` not 3x3.
     """
 
     position_m: FloatArray
@@ -197,9 +202,12 @@ class Obstacle:
     color: str | None = None
     label: str = "unknown"
     probability: float = float("nan")
+    cov_calib_m2: FloatArray = field(default_factory=lambda: np.full((3, 3), np.nan))
+    range_sigma_calib_m: float = float("nan")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position_m", finite("position_m", self.position_m, (3,)))
+        object.__setattr__(self, "cov_calib_m2", numbers("cov_calib_m2", self.cov_calib_m2, (3, 3)))
         object.__setattr__(self, "range_m", positive("range_m", self.range_m))
 
 

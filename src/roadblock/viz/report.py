@@ -1,25 +1,16 @@
-"""The page of the paper's experiment: its `result.json` as one HTML file that needs nothing else.
+"""The page of the paper's experiment: its `result.json` as one HTML file that needs nothing else."""
 
-The only file that draws with matplotlib (extra `report`), which is imported when a plot is asked for.
-"""
-
-import io
-import os
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from html import escape
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from roadblock.errors import MissingExtraError, OutputError
+from roadblock.viz.page import INK_HEX, STYLE, details, library, look, svg, write_html
 
 Record = Mapping[str, Any]
 
-INK_HEX = "#010203"
-"""Stands for the page's own text colour while matplotlib draws."""
 DETECTOR_HEX = ("#2f8fd8", "#d9822b", "#3f9f63", "#c05a9b", "#8a78d6", "#a08a3c", "#4aa6a6", "#b8584f")
 PAPER_MARKS = (
     ("proposed_m", "paper, proposed", "D"),
@@ -28,23 +19,6 @@ PAPER_MARKS = (
 )
 LINEAR_M = 0.1
 """The error axis is linear up to here and logarithmic beyond: errors of centimetres and metres share it."""
-
-STYLE = """
-:root { color-scheme: light dark; --ink: #1b1f24; --paper: #ffffff; --soft: #5b6673; --line: #d5dbe1; --best: #e3f3e8; }
-@media (prefers-color-scheme: dark) {
-  :root { --ink: #e4e8ed; --paper: #14171b; --soft: #9aa5b1; --line: #343b44; --best: #1d3a29; }
-}
-body { color: var(--ink); background: var(--paper); font: 16px/1.5 system-ui, sans-serif; max-width: 64rem;
-       margin: 0 auto; padding: 1.5rem; }
-h1 { line-height: 1.2; } h2 { margin-top: 2.2rem; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; white-space: nowrap; }
-th, td { padding: .3rem .8rem; text-align: right; border-bottom: 1px solid var(--line); }
-th:first-child, td:first-child { text-align: left; padding-left: 0; }
-tr.best td { background: var(--best); } tr.paper td { color: var(--soft); font-style: italic; }
-.soft { color: var(--soft); } svg { width: 100%; height: auto; color: var(--ink); } svg text { font-family: inherit; }
-dt { float: left; clear: left; width: 9rem; color: var(--soft); } dd { margin-left: 9rem; overflow-wrap: anywhere; }
-"""
 
 
 def draw_errors(result: Record) -> str:
@@ -64,10 +38,10 @@ def draw_errors(result: Record) -> str:
     MissingExtraError
         If matplotlib is not installed.
     """
-    matplotlib = _library()
+    matplotlib = library("drawing the experiment's page")
     detectors = list(dict.fromkeys(reading["detector"] for reading in result["readings"]))
     targets = result["paper"]
-    with matplotlib.rc_context(_look()):
+    with matplotlib.rc_context(look()):
         figure = matplotlib.figure.Figure(figsize=(9, len(targets) * (0.9 + 0.32 * len(detectors))))
         panels = figure.subplots(len(targets), 1, squeeze=False, sharex=True)[:, 0]
         figure.subplots_adjust(hspace=0.45)
@@ -75,32 +49,7 @@ def draw_errors(result: Record) -> str:
             _draw_panel(axes, target, detectors, result["readings"])
         panels[-1].set_xlabel("error of the range (m): measured minus true")
         panels[0].legend(loc="lower left", bbox_to_anchor=(0, 1.15), ncols=3, frameon=False)
-        text = io.StringIO()
-        metadata = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-        figure.savefig(text, format="svg", transparent=True, bbox_inches="tight", metadata=metadata)
-    svg = text.getvalue()
-    return svg[svg.index("<svg") :].replace(INK_HEX, "currentColor")
-
-
-def _library() -> ModuleType:
-    try:
-        import matplotlib.figure
-    except ImportError as error:
-        raise MissingExtraError("drawing the experiment's page", "report") from error
-    return matplotlib
-
-
-def _look() -> dict[str, Any]:
-    ink = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")
-    return {
-        **dict.fromkeys(ink, INK_HEX),
-        "svg.fonttype": "none",
-        "svg.hashsalt": "roadblock",
-        "font.family": "sans-serif",
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "axes.titlelocation": "left",
-    }
+        return svg(figure)
 
 
 def _draw_panel(axes: Any, target: Record, detectors: Sequence[str], readings: Sequence[Record]) -> None:
@@ -166,7 +115,7 @@ reading says nothing about a distribution, so its figures stand beside ours with
 &plusmn;{LINEAR_M:g} m and logarithmic beyond.</p>
 {tables}
 <h2>How it was made</h2>
-<dl>{"".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in _provenance(result))}</dl>
+{details(_provenance(result))}
 </body></html>
 """
 
@@ -181,17 +130,7 @@ def write_page(path: Path, result: Record) -> None:
     OutputError
         If the file cannot be written.
     """
-    text = page(result)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        beside.write_text(text, encoding="utf-8")
-        beside.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            beside.unlink()
-        raise OutputError(
-            f"cannot write {path}: {error.strerror or error}; choose another folder with --out"
-        ) from error
+    write_html(path, page(result))
 
 
 def _unfinished(result: Record) -> str:

@@ -9,7 +9,14 @@ from roadblock.errors import RigError, ValueRefusedError
 from roadblock.geometry.pose import pose, rotation_from_rotvec
 from roadblock.geometry.projection import project, unproject
 from roadblock.geometry.stereo import rectifying_rotations, triangulate
-from roadblock.geometry.uncertainty import calibration_cov, calibration_jacobian, moved_rig, range_sigma, seen_points
+from roadblock.geometry.uncertainty import (
+    calibration_cov,
+    calibration_jacobian,
+    moved_rig,
+    range_sigma,
+    rectified_jacobian,
+    seen_points,
+)
 from roadblock.values.camera import Camera, Rectification, RigCovariance, StereoRig, rig_parameters
 
 SIZE = (97, 61)
@@ -138,10 +145,32 @@ def test_a_hundredth_of_a_degree_of_vergence_moves_20_m_by_a_third_of_a_metre() 
     np.testing.assert_allclose(shift, [0.0213, 0.0852, 0.3405], rtol=2e-3)
 
 
+def test_rows_differ_by_what_the_rectified_slopes_say() -> None:
+    rig = rig_of("brown5", "kannala_brandt")
+    points = scattered(6)
+    delta = np.random.default_rng(2).normal(size=23) * 1e-7
+    change = rectified_jacobian(rig, points) @ delta
+    R_left, R_right = rectifying_rotations(rig.T_left_right)
+    moved = moved_rig(rig, delta)
+    sides = zip(
+        (rig.left, rig.right),
+        (moved.left, moved.right),
+        (R_left, R_right),
+        rectifying_rotations(moved.T_left_right),
+        (0.5, -0.5),
+        strict=True,
+    )
+    for i, (camera, moved_camera, R, R_moved, sign) in enumerate(sides):
+        in_rect = points + np.array([sign * rig.baseline_m, 0, 0])
+        rays = unproject(moved_camera, project(camera, in_rect @ R)) @ R_moved.T
+        shift = rays[:, :2] / rays[:, 2:] - in_rect[:, :2] / in_rect[:, 2:]
+        np.testing.assert_allclose(change[:, i], shift, rtol=0, atol=1e-5 * np.abs(shift).max())
+
+
 def test_points_that_a_camera_does_not_see_are_unknown() -> None:
     rig = with_covariance(rig_of("brown5", "kannala_brandt"))
     points = np.array([[0.1, 0.2, 5.0], [0.1, 0.2, -5.0], [np.nan, 0.0, 5.0], [90.0, 0.0, 1.0], [np.inf, 0.0, 9.0]])
-    for unknown in (calibration_jacobian(rig, points), calibration_cov(rig, points)):
+    for unknown in (calibration_jacobian(rig, points), calibration_cov(rig, points), rectified_jacobian(rig, points)):
         assert np.isfinite(unknown[0]).all()
         assert np.isnan(unknown[1:]).all()
     assert calibration_jacobian(rig, np.zeros((0, 3))).shape == (0, 3, 23)
@@ -200,6 +229,14 @@ def test_a_right_camera_turned_away_sees_one_side_only() -> None:
     near = np.isfinite(seen_points(rig_of("pinhole", "pinhole"), 0.3)[..., 0])
     far = np.isfinite(seen_points(rig_of("pinhole", "pinhole"), 30.0)[..., 0])
     assert near.sum() < far.sum()  # what is near and left in the left image is outside the right one
+
+
+def test_what_lies_more_than_60_degrees_aside_is_not_ahead() -> None:
+    """An equidistant lens has angle = radius / f: the columns look 73, 36, 0, -36, -73 degrees aside."""
+    camera = Camera((501, 101), 160.0, 160.0, 250.0, 50.0, "kannala_brandt", np.zeros(4))
+    points = seen_points(StereoRig(camera, camera, pose(np.eye(3), [0.2, 0, 0])), 20.0, 1, 5)
+    np.testing.assert_array_equal(np.isnan(points[0, :, 0]), [True, False, False, False, True])
+    np.testing.assert_allclose(points[0, 3], [20 * np.tan(100.2 / 160) - 0.1, 0, 20], rtol=0, atol=1e-9)
 
 
 def test_the_range_sigma_over_the_image() -> None:

@@ -70,6 +70,8 @@ def test_record_is_the_public_schema():
                 "position_m": [12.3457, -0.5, -1.2],
                 "range_m": 12.3457,
                 "range_sigma_m": 0.2,
+                "range_sigma_calib_m": None,
+                "cov_calib_m2": None,
                 "size_m": [1.8, 1.5, None],
                 "box_px": [10, 11, 30, 42],
                 "contour_px": [[10, 11], [29, 11], [29, 41]],
@@ -97,6 +99,28 @@ def test_record_of_nothing_known_is_plain_json():
     assert record["obstacles"][0]["contour_px"] == []
     assert record["timings_ms"] == {"total": None}
     assert record["name"] == "?.png"
+
+
+def test_record_holds_what_the_calibration_does():
+    direction = np.array([12.3, -0.5, -1.2])
+    cov = 1e-7 * np.outer(direction, direction) + 1e-12 * np.eye(3)  # almost along the line of sight alone
+    told = make_obstacle(cov_calib_m2=cov, range_sigma_calib_m=0.0123456)
+    record = frame_record(make_result(obstacles=(told,)))["obstacles"][0]
+    assert record["range_sigma_calib_m"] == 0.0123
+    read = np.array(json.loads(json.dumps(record))["cov_calib_m2"])
+    np.testing.assert_allclose(read, cov, rtol=1e-8)
+    assert np.linalg.eigvalsh(read).min() > 0.9e-12  # still a covariance
+    half = make_obstacle(cov_calib_m2=np.diag([1.0, np.nan, 1.0]))
+    assert frame_record(make_result(obstacles=(half,)))["obstacles"][0]["cov_calib_m2"] is None
+
+
+@pytest.mark.parametrize("missing", ["range_sigma_calib_m", "cov_calib_m2"])
+def test_records_from_before_the_calibration_s_error_read(tmp_path, missing):
+    record = frame_record(make_result())
+    del record["obstacles"][0][missing]
+    path = tmp_path / "obstacles.jsonl"
+    path.write_text(json.dumps(record) + "\n")
+    assert read_results(path) == [record]
 
 
 def test_record_holds_a_class_and_no_minus_zero():

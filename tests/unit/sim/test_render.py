@@ -11,7 +11,7 @@ from roadblock.geometry.projection import project, unproject
 from roadblock.geometry.stereo import rectifying_rotations, triangulate
 from roadblock.sim import raycast
 from roadblock.sim.outlines import candidates
-from roadblock.sim.render import Quality, _offsets, _rays, render, render_linear
+from roadblock.sim.render import Quality, _rays, render, render_linear, sub_pixel_places
 from roadblock.sim.road import Line, Road
 from roadblock.sim.scene import Scene, camera_pose, demo_street
 from roadblock.sim.solids import Thing, box, placed
@@ -266,7 +266,7 @@ def test_light_has_the_stated_scale():
 
 
 def test_samples_fill_the_pixel_evenly():
-    offsets = _offsets(50, 64)
+    offsets = sub_pixel_places(50, 64)
     assert offsets.shape == (50, 64, 2)
     assert np.abs(offsets).max() <= 0.5
     for row in offsets:
@@ -275,9 +275,9 @@ def test_samples_fill_the_pixel_evenly():
             assert set(cells[:, 0].astype(int)) == set(range(64))
         assert len(set(np.floor((row[:, 1] + 0.5) * 64))) == 64
     assert not np.array_equal(offsets[0], offsets[1])
-    assert _offsets(3, 20).shape == (3, 20, 2)
-    _offsets.cache_clear()
-    assert np.array_equal(_offsets(50, 64), offsets)
+    assert sub_pixel_places(3, 20).shape == (3, 20, 2)
+    sub_pixel_places.cache_clear()
+    assert np.array_equal(sub_pixel_places(50, 64), offsets)
 
 
 TILT = rotation_from_rotvec([0.03, -0.05, 0.04])

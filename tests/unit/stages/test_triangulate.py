@@ -5,8 +5,12 @@ import pytest
 from stage_examples import TWIN, plane
 
 from roadblock.geometry.pose import pose, rotation_from_rotvec
+from roadblock.geometry.projection import project, unproject
 from roadblock.geometry.stereo import triangulate
-from roadblock.stages.triangulate import locate
+from roadblock.geometry.uncertainty import calibration_cov, moved_rig
+from roadblock.stages.rectify import plan_rectification
+from roadblock.stages.triangulate import add_calibration_error, locate
+from roadblock.values.camera import Camera, RigCovariance, StereoRig, rig_parameters
 from roadblock.values.checks import FloatArray
 from roadblock.values.scene import Obstacle, Region
 
@@ -148,3 +152,85 @@ def test_points_in_any_order_give_the_same_obstacle() -> None:
     a, b = locate(region(points), TWIN, GROUND), locate(region(shuffled), TWIN, GROUND)
     assert a.range_m == b.range_m
     np.testing.assert_array_equal(a.size_m, b.size_m)
+
+
+# --- what the calibration does ----------------------------------------------------------------------------------------
+
+LENS = Camera((97, 61), 71.0, 64.0, 43.3, 33.9, "brown_conrady", [-0.25, 0.08, 2e-3, -3e-3, -0.01])
+CROOKED = StereoRig(LENS, LENS, pose(rotation_from_rotvec([0.03, -0.04, 0.02]), [0.2, 0.01, -0.02]))
+NAMES = rig_parameters(LENS, LENS)
+
+
+def only_vergence(rig: StereoRig, sigma_rad: float) -> StereoRig:
+    variances = np.where(np.array(NAMES) == "ry_rad", sigma_rad**2, 0.0)
+    return StereoRig(rig.left, rig.right, rig.T_left_right, rig.T_vehicle_car, RigCovariance(NAMES, np.diag(variances)))
+
+
+def two_obstacles(rig: StereoRig) -> list[Obstacle]:
+    twin = plan_rectification(rig)
+    uvd = [[20.0, 12.0, 0.9 * twin.f_px * twin.baseline_m / 8], [50.0, 31.0, twin.f_px * twin.baseline_m / 16]]
+    contour = np.zeros((0, 2), np.int32)
+    regions = [Region((0, 0, 9, 9), contour, np.array([each]), 0.2, np.full(3, np.nan)) for each in uvd]
+    return [locate(each, twin, None, "red", rig.T_vehicle_car) for each in regions]
+
+
+@pytest.mark.parametrize("T_vehicle_car", [None, MOUNTING])
+def test_the_calibration_s_error_is_that_of_the_measured_point(T_vehicle_car: FloatArray | None) -> None:
+    """One parameter alone: the covariance is the outer product of the displacement that this parameter causes."""
+    sigma_rad = 1e-6
+    rig = only_vergence(StereoRig(LENS, LENS, CROOKED.T_left_right, T_vehicle_car), sigma_rad)
+    twin, plain = plan_rectification(rig), two_obstacles(rig)
+    told = add_calibration_error(plain, twin, rig)
+    turned = moved_rig(rig, sigma_rad * (np.array(NAMES) == "ry_rad"))
+    axes = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]]) if T_vehicle_car is None else T_vehicle_car[:3, :3]
+    for before, after in zip(plain, told, strict=True):
+        shift = seen_through(turned, rig, triangulate(twin, before.uvd_px)) - triangulate(twin, before.uvd_px)
+        by_hand = np.outer(axes @ shift, axes @ shift)
+        np.testing.assert_allclose(after.cov_calib_m2, by_hand, rtol=0, atol=1e-3 * by_hand.max())
+        assert after.range_sigma_calib_m == pytest.approx(abs(shift[2]), rel=1e-3)
+        np.testing.assert_array_equal(after.cov_match_m2, before.cov_match_m2)
+        np.testing.assert_array_equal(after.position_m, before.position_m)
+        assert (after.range_sigma_m, after.color) == (before.range_sigma_m, "red")
+
+
+def seen_through(wrong: StereoRig, true: StereoRig, point_car: FloatArray) -> FloatArray:
+    """Return where a point of the true rig's car frame is measured by the pipeline of a wrong rig."""
+    twin = plan_rectification(true)
+    half = np.array([true.baseline_m / 2, 0, 0])
+    rays = [
+        unproject(camera, project(true_camera, (point_car + sign * half) @ R)) @ R_wrong.T
+        for camera, true_camera, R, R_wrong, sign in (
+            (wrong.left, true.left, twin.R_rect_left, plan_rectification(wrong).R_rect_left, 1),
+            (wrong.right, true.right, twin.R_rect_right, plan_rectification(wrong).R_rect_right, -1),
+        )
+    ]
+    (a, b), (c, _) = (ray[:2] / ray[2] for ray in rays)
+    z = wrong.baseline_m / (a - c)
+    return np.array([a * z - wrong.baseline_m / 2, b * z, z])
+
+
+def test_without_a_covariance_the_calibration_s_error_is_unknown() -> None:
+    plain = two_obstacles(CROOKED)
+    told = add_calibration_error(plain, plan_rectification(CROOKED), CROOKED)
+    assert told == tuple(plain)
+    assert all(np.isnan(obstacle.cov_calib_m2).all() for obstacle in told)
+    assert all(np.isnan(obstacle.range_sigma_calib_m) for obstacle in told)
+    sure = only_vergence(CROOKED, 1e-4)
+    assert add_calibration_error([], plan_rectification(sure), sure) == ()
+
+
+def test_a_rig_known_exactly_has_no_error_of_calibration() -> None:
+    exact = only_vergence(CROOKED, 0.0)
+    for obstacle in add_calibration_error(two_obstacles(exact), plan_rectification(exact), exact):
+        np.testing.assert_array_equal(obstacle.cov_calib_m2, np.zeros((3, 3)))
+        assert obstacle.range_sigma_calib_m == 0
+
+
+def test_the_error_is_the_one_of_the_whole_rig_s_covariance() -> None:
+    names = rig_parameters(LENS, LENS)
+    rig = StereoRig(LENS, LENS, CROOKED.T_left_right, None, RigCovariance(names, 1e-8 * np.eye(len(names))))
+    twin = plan_rectification(rig)
+    first, second = add_calibration_error(two_obstacles(rig), twin, rig)
+    cov = calibration_cov(rig, triangulate(twin, [first.uvd_px, second.uvd_px]))
+    assert [first.range_sigma_calib_m, second.range_sigma_calib_m] == pytest.approx(np.sqrt(cov[:, 2, 2]))
+    assert first.range_sigma_calib_m < second.range_sigma_calib_m

@@ -222,9 +222,16 @@ def test_a_rig_refuses_a_covariance_of_other_parameters() -> None:
     names = rig_parameters(camera(), camera())
     good = RigCovariance(names, np.eye(len(names)))
     assert StereoRig(camera(), camera(), beside(), covariance=good).covariance is good
-    other = RigCovariance(("left.k1", *names[1:]), np.eye(len(names)))
-    with pytest.raises(ValueRefusedError, match=r"covariance must be of left\.fx_px, left\.fy_px"):
-        StereoRig(camera(), camera(), beside(), covariance=other)
+    for other, words in (
+        (
+            ("left.k1", *names[1:]),
+            r"these cameras' 14 parameters, but number 1 is left\.k1 where left\.fx_px is expected",
+        ),
+        (names[:-1], "number 14 is nothing where tz_m is expected"),
+        ((*names, "tw_m"), "number 15 is tw_m where nothing is expected"),
+    ):
+        with pytest.raises(ValueRefusedError, match=words):
+            StereoRig(camera(), camera(), beside(), covariance=RigCovariance(other, np.eye(len(other))))
 
 
 # --- Rectification ----------------------------------------------------------------------------------------------------

@@ -176,9 +176,21 @@ def test_an_obstacle_is_unknown_until_recognised_and_owns_its_position() -> None
         value.range_m = 3  # type: ignore[misc]
 
 
+def test_what_the_calibration_does_is_unknown_until_said() -> None:
+    value = obstacle()
+    assert np.isnan(value.range_sigma_calib_m)
+    assert np.isnan(value.cov_calib_m2).all()
+    assert value.cov_calib_m2.shape == (3, 3)
+    told = obstacle(cov_calib_m2=np.diag([1, 2, 3]), range_sigma_calib_m=1.0)
+    np.testing.assert_array_equal(told.cov_calib_m2, np.diag([1, 2, 3]))
+    with pytest.raises(ValueError, match="read-only"):
+        told.cov_calib_m2[0, 0] = 2
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
+        ({"cov_calib_m2": np.eye(2)}, "cov_calib_m2 must have shape"),
         ({"position_m": [1, 2]}, "position_m must have shape"),
         ({"position_m": [1, np.nan, 2]}, "position_m must be finite"),
         ({"range_m": 0}, "range_m must be > 0"),

@@ -4,6 +4,8 @@ import numpy as np
 
 from roadblock.geometry.pose import rotvec_from_rotation
 from roadblock.geometry.projection import unproject
+from roadblock.geometry.uncertainty import range_sigma
+from roadblock.values.calibration import RANGES_M as CALIBRATION_RANGES_M
 from roadblock.values.camera import Camera, StereoRig
 
 RANGES_M = (10.0, 20.0, 40.0)
@@ -14,7 +16,8 @@ def describe_rig(rig: StereoRig) -> list[tuple[str, str]]:
     """Return rows (what, value with unit) that describe a rig.
 
     The range step is what 0.1 px of disparity are worth, `Z^2 / (f B) * 0.1 px` with f the left camera's `fx_px` (the
-    rectified one may differ by a few percent).
+    rectified one may differ by a few percent). The range error from calibration is the root mean square of
+    `range_sigma` over the left image, and its largest value there.
     """
     width, height = rig.left.size_px
     turn = np.degrees(rotvec_from_rotation(rig.T_left_right[:3, :3]))
@@ -33,6 +36,7 @@ def describe_rig(rig: StereoRig) -> list[tuple[str, str]]:
     for range_m in RANGES_M:
         step_m = range_m**2 / (rig.left.fx_px * rig.baseline_m) * STEP_PX
         rows.append((f"range step per {STEP_PX} px at {range_m:g} m", f"{step_m:.3g} m"))
+    rows += _calibration_rows(rig)
     rows.append(("images", "already rectified" if rig.is_rectified else "raw: will be rectified"))
     rows.append(("mounting", _mounting(rig)))
     return rows
@@ -51,6 +55,20 @@ def _camera_rows(camera: Camera) -> list[tuple[str, str]]:
         ("lens", lens),
         ("field of view", f"{_angle(across)} horizontal, {_angle(down)} vertical"),
     ]
+
+
+def _calibration_rows(rig: StereoRig) -> list[tuple[str, str]]:
+    if rig.covariance is None:
+        return [("range error from calibration", "unknown: the file holds no covariance")]
+    rows = []
+    for distance_m in CALIBRATION_RANGES_M:
+        sigma_m = range_sigma(rig, distance_m)
+        known = sigma_m[np.isfinite(sigma_m)]
+        value = "unknown: not both cameras see that far"
+        if known.size:
+            value = f"{np.sqrt(np.mean(known**2)):.2g} m (1 sigma; worst corner {known.max():.2g} m)"
+        rows.append((f"range error from calibration at {distance_m:g} m", value))
+    return rows
 
 
 def _angle(rays: np.ndarray) -> str:

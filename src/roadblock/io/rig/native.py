@@ -8,15 +8,20 @@ import numpy as np
 
 from roadblock.errors import RigError
 from roadblock.geometry.pose import pose
+from roadblock.geometry.uncertainty import range_sigma
 from roadblock.io.rig.files import Asked, entry, parse_yaml, section
 from roadblock.io.rig.numbers import digits, listed, number, numbers, size
-from roadblock.values.camera import Camera, Lens, StereoRig
+from roadblock.values.calibration import RANGES_M
+from roadblock.values.camera import POSE_PARAMETERS, Camera, Lens, RigCovariance, StereoRig
 from roadblock.values.checks import FloatArray
 
 VERSION = 1
-_RIG_KEYS = ("roadblock_rig", "left", "right", "T_left_right", "T_vehicle_car")
+_RIG_KEYS = ("roadblock_rig", "left", "right", "T_left_right", "T_vehicle_car", "calibration")
 _CAMERA_KEYS = ("size_px", "fx_px", "fy_px", "cx_px", "cy_px", "lens", "distortion")
 _POSE_KEYS = ("R", "t_m")
+_CALIBRATION_KEYS = ("covariance", "range_sigma_m")
+_COVARIANCE_KEYS = ("names", "matrix")
+_LENGTHS = POSE_PARAMETERS[3:]
 
 
 def read_native(texts: tuple[str, ...], asked: Asked) -> StereoRig:
@@ -27,7 +32,11 @@ def read_native(texts: tuple[str, ...], asked: Asked) -> StereoRig:
     texts
         The text of the one file.
     asked
-        `unit_m` scales the translations.
+        `unit_m` scales the translations, and with them their covariance.
+
+    Returns
+    -------
+    The rig; `range_sigma_m`, which follows from the covariance, is for people and not read.
 
     Raises
     ------
@@ -46,6 +55,7 @@ def read_native(texts: tuple[str, ...], asked: Asked) -> StereoRig:
         cameras[1],
         _pose("T_left_right", entry(document, "T_left_right"), asked.unit_m),
         T_vehicle_car=None if mounting is None else _pose("T_vehicle_car", mounting, asked.unit_m),
+        covariance=_covariance(section(document, "calibration"), asked.unit_m) if "calibration" in document else None,
     )
 
 
@@ -78,6 +88,19 @@ def _pose(name: str, value: Any, unit_m: float) -> FloatArray:
     return T
 
 
+def _covariance(fields: dict[str, Any], unit_m: float) -> RigCovariance:
+    where = "calibration.covariance."
+    _known(fields, _CALIBRATION_KEYS, "calibration.")
+    covariance = section(fields, "covariance", "calibration.")
+    _known(covariance, _COVARIANCE_KEYS, where)
+    names = entry(covariance, "names", where)
+    if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+        raise RigError(f"{where}names must be a list of parameters' names, but got {names!r:.60}")
+    matrix = numbers(f"{where}matrix", entry(covariance, "matrix", where), (len(names), len(names)))
+    unit = np.array([unit_m if name in _LENGTHS else 1.0 for name in names])
+    return RigCovariance(tuple(names), unit[:, None] * matrix * unit)
+
+
 def write_native(rig: StereoRig) -> dict[str, str]:
     """Return the text of one `rig.yaml`; it holds every rig exactly."""
     lines = [
@@ -91,7 +114,31 @@ def write_native(rig: StereoRig) -> dict[str, str]:
     lines += ["# p_left = T_left_right p_right", *_matrix("T_left_right", rig.T_left_right)]
     if rig.T_vehicle_car is not None:
         lines += ["# p_vehicle = T_vehicle_car p_car", *_matrix("T_vehicle_car", rig.T_vehicle_car)]
+    if rig.covariance is not None:
+        lines += _calibration(rig, rig.covariance)
     return {"": "\n".join(lines) + "\n"}
+
+
+def _calibration(rig: StereoRig, covariance: RigCovariance) -> list[str]:
+    lines = [
+        "# How sure it is: covariance of the parameters in their units, R_left_right <- exp([r]) R_left_right.",
+        "calibration:",
+        "  covariance:",
+        f"    names: [{', '.join(covariance.names)}]",
+        "    matrix:",
+        *(f"      - {listed(row)}" for row in covariance.matrix),
+        "  # Standard deviation of the range, metres, by distance, over the left image (rows from the top; null where",
+        "  # not both cameras see that point). It follows from the covariance and is not read back.",
+        "  range_sigma_m:",
+    ]
+    for distance_m in RANGES_M:
+        lines.append(f"    {distance_m:g}:")
+        lines += [f"      - [{', '.join(map(_rounded, row))}]" for row in range_sigma(rig, distance_m)]
+    return lines
+
+
+def _rounded(value: float) -> str:
+    return digits(float(f"{value:.3g}")) if np.isfinite(value) else "null"
 
 
 def _matrix(name: str, T: FloatArray) -> list[str]:

@@ -1,7 +1,7 @@
 """Which left image belongs to which right one: by file name, or by the number in it."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,9 +32,14 @@ def list_images(folder: Path) -> list[Path]:
     SourceError
         If there is none.
     """
-    files = [p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and p.name[0] != "." and p.is_file()]
-    if not files:
+    if not (files := only_images(folder.iterdir())):
         raise SourceError(f"{folder} holds no images, but must hold {', '.join(IMAGE_SUFFIXES)} files")
+    return files
+
+
+def only_images(paths: Iterable[Path]) -> list[Path]:
+    """Those of `paths` that are image files (by suffix; hidden ones left out), numbers in natural order."""
+    files = [p for p in paths if p.suffix.lower() in IMAGE_SUFFIXES and p.name[0] != "." and p.is_file()]
     return sorted(files, key=lambda path: (natural_key(path.stem), path.name))
 
 
@@ -52,6 +57,23 @@ def _by_key(files: list[Path], key: Callable[[Path], str]) -> dict[str, Path]:
     return table
 
 
+def by_frame(lefts: list[Path], rights: list[Path]) -> tuple[dict[str, Path], dict[str, Path], str]:
+    """Name the frame of each image: by its name, or by the last number in it where the sides share no name at all.
+
+    Returns
+    -------
+    Frame -> left image, frame -> right image, and what they go by: "name" or "number".
+
+    Raises
+    ------
+    SourceError
+        If two images of one side claim one frame.
+    """
+    shared = {path.stem for path in lefts} & {path.stem for path in rights}
+    key: Callable[[Path], str] = (lambda path: path.stem) if shared else _number
+    return _by_key(lefts, key), _by_key(rights, key), "name" if shared else "number"
+
+
 def pair_folders(left: Path, right: Path) -> tuple[FramePaths, ...]:
     """Pair the images of two folders by name; where the sides share no name at all, by the last number in it.
 
@@ -60,15 +82,12 @@ def pair_folders(left: Path, right: Path) -> tuple[FramePaths, ...]:
     SourceError
         If a folder holds no images, two files claim one frame, or an image has no partner.
     """
-    files = list_images(left), list_images(right)
-    shared = {path.stem for path in files[0]} & {path.stem for path in files[1]}
-    key: Callable[[Path], str] = (lambda path: path.stem) if shared else _number
-    lefts, rights = (_by_key(side, key) for side in files)
+    lefts, rights, how = by_frame(list_images(left), list_images(right))
     alone = [path for name, path in lefts.items() if name not in rights]
     alone += [path for name, path in rights.items() if name not in lefts]
     if alone:
         raise SourceError(
             f"{alone[0]} has no partner: {left.name} holds {len(lefts)} images, {right.name} {len(rights)}, paired by "
-            f"{'name' if shared else 'number'}, and {len(alone)} stay alone; remove them, or write a list of pairs"
+            f"{how}, and {len(alone)} stay alone; remove them, or write a list of pairs"
         )
     return tuple(FramePaths(path, rights[name], path.stem) for name, path in lefts.items())

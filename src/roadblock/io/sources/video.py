@@ -1,7 +1,7 @@
 """Videos: one file with both views side by side, or one file per camera. The only room that knows PyAV."""
 
 from collections.abc import Generator, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -156,6 +156,67 @@ def _cut_short(container: Any, last_ns: int | None) -> str:
     return f"its last frame is at {float(last_s):.2f} s, but it declares {float(end_s):.2f} s"
 
 
+def count_frames(path: Path) -> int:
+    """Return about how many frames a video holds, without decoding them; 0 where it cannot be read.
+
+    Raises
+    ------
+    MissingExtraError
+        If PyAV is not installed.
+    """
+    av = _import_av()
+    count = 0
+    with (
+        suppress(av.error.FFmpegError, OSError),
+        av.open(str(path.resolve()), options={"protocol_whitelist": "file"}) as container,
+    ):
+        for packet in container.demux(video=0):
+            count += packet.size > 0
+    return count
+
+
+def halves(path: Path, half_px: int, gray: bool, warnings: list[str]) -> Generator[Moment]:
+    """Read a side-by-side video: its left `half_px` columns are the left camera's.
+
+    Raises
+    ------
+    SourceError
+        As `decode`.
+    """
+    with closing(decode(path, gray, warnings)) as frames:
+        for t_ns, image in frames:
+            yield t_ns, image[:, :half_px].copy(), image[:, half_px:].copy()
+
+
+def matched(left: Path, right: Path, step_ns: Fraction, gray: bool, warnings: list[str]) -> Generator[Moment]:
+    """Read two videos; frames less than half of `step_ns` apart belong together, others are left out and counted.
+
+    Raises
+    ------
+    SourceError
+        As `decode`, or if not one frame has a partner.
+    """
+    alone, pairs = [0, 0], 0
+    sides = [decode(path, gray, warnings) for path in (left, right)]
+    with closing(sides[0]), closing(sides[1]):
+        now = [next(side, None) for side in sides]
+        while now[0] and now[1]:
+            gap_ns = now[1][0] - now[0][0]
+            if together := 2 * abs(gap_ns) < step_ns:
+                pairs += 1
+                yield now[0][0], now[0][1], now[1][1]
+            for i, late in enumerate((gap_ns > 0, gap_ns < 0)):
+                if together or late:
+                    alone[i] += not together
+                    now[i] = next(sides[i], None)
+        for i, side in enumerate(sides):
+            alone[i] += (now[i] is not None) + sum(1 for _ in side)
+    if not pairs:
+        raise SourceError(f"{left} and {right} share no moment: start both cameras on one clock")
+    if any(alone):
+        warnings.append(f"left out {alone[0]} left and {alone[1]} right frames that have no partner in time")
+
+
 @dataclass(frozen=True, eq=False)
 class VideoSource:
     """A `StereoSource` of one side-by-side video (`right` None: the left half is the left camera) or of two videos.
@@ -196,39 +257,15 @@ class VideoSource:
             If not one whole frame or pair can be read, a frame has no time stamp, or its size is not the rig's.
         """
         self.warnings.clear()
-        moments = self._halves() if self.right is None else self._matched(self.right)
+        if self.right is None:
+            moments = halves(self.left, self.rig.left.size_px[0], self.gray, self.warnings)
+        else:
+            moments = matched(self.left, self.right, self.step_ns, self.gray, self.warnings)
         with closing(moments):
             for index, (t_ns, left, right) in enumerate(moments):
                 for side, image in (("left", left), ("right", right)):
                     check_size(f"{self.name} frame {index} {side}", image, self.rig.left.size_px)
                 yield StereoPair(left, right, index, f"{index:06d}", t_ns)
-
-    def _halves(self) -> Generator[Moment]:
-        half = self.rig.left.size_px[0]
-        with closing(decode(self.left, self.gray, self.warnings)) as frames:
-            for t_ns, image in frames:
-                yield t_ns, image[:, :half].copy(), image[:, half:].copy()
-
-    def _matched(self, right: Path) -> Generator[Moment]:
-        alone, pairs = [0, 0], 0
-        sides = [decode(path, self.gray, self.warnings) for path in (self.left, right)]
-        with closing(sides[0]), closing(sides[1]):
-            now = [next(side, None) for side in sides]
-            while now[0] and now[1]:
-                gap_ns = now[1][0] - now[0][0]
-                if together := 2 * abs(gap_ns) < self.step_ns:
-                    pairs += 1
-                    yield now[0][0], now[0][1], now[1][1]
-                for i, late in enumerate((gap_ns > 0, gap_ns < 0)):
-                    if together or late:
-                        alone[i] += not together
-                        now[i] = next(sides[i], None)
-            for i, side in enumerate(sides):
-                alone[i] += (now[i] is not None) + sum(1 for _ in side)
-        if not pairs:
-            raise SourceError(f"{self.left} and {right} share no moment: start both cameras on one clock")
-        if any(alone):
-            self.warnings.append(f"left out {alone[0]} left and {alone[1]} right frames that have no partner in time")
 
 
 def open_side_by_side(path: Path, rig: StereoRig | None, gray: bool) -> StereoSource:

@@ -1,9 +1,11 @@
 """Crooked rigs for the tests: 97x61, fx != fy, off-centre, rotated about all axes."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from roadblock.values.camera import Camera, Lens, StereoRig
+from roadblock.values.camera import Camera, Lens, RigCovariance, StereoRig, rig_parameters
 
 SIZE_PX = (97, 61)
 COEFFICIENTS = {
@@ -42,6 +44,16 @@ def crooked_rig(left="brown_conrady", right=None, mounting=False, rotvec=(0.021,
         pose(rotvec, (0.205, 0.0113, -0.0071)),
         pose((1.1, -0.7, 0.4), (1.2, -0.1, 1.4)) if mounting else None,
     )
+
+
+def sure_rig(rig, seed=4):
+    """The rig with a covariance that has correlations and units of every size, and one parameter held fixed."""
+    names = rig_parameters(rig.left, rig.right)
+    sigma = [0.13 if n.endswith("_px") else 1.7e-4 if n.endswith(("_rad", "_m")) else 0.0023 for n in names]
+    A = np.random.default_rng(seed).normal(size=(len(names), 40)) * np.array(sigma)[:, None] / np.sqrt(40)
+    A[2] = 0
+    C = A @ A.T
+    return replace(rig, covariance=RigCovariance(names, (C + C.T) / 2))
 
 
 def assert_same(a, b, tolerance=1e-9):

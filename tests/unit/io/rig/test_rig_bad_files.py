@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from rig_examples import crooked_rig, pose
+from rig_examples import crooked_rig, pose, sure_rig
 
 from roadblock.errors import RigError
 from roadblock.io.rig import WRITERS, read_rig, write_rig
@@ -28,6 +28,8 @@ OPENCV = (
     + matrix("R", 3, 3, "1., 0., 0., 0., 1., 0., 0., 0., 1.")
     + matrix("T", 3, 1, "-0.2, 0., 0.")
 )
+SURE = WRITERS["roadblock"](sure_rig(crooked_rig("pinhole")))[""]
+ROW = SURE[SURE.index("      - [") : SURE.index("\n", SURE.index("      - ["))]  # of left.fx_px
 KALIBR = WRITERS["kalibr"](crooked_rig("radtan"))[""]
 
 
@@ -112,6 +114,43 @@ BAD = {
     "unknown lens": (GOOD.replace("brown_conrady", "omni", 1), "left.lens must be one of pinhole, brown_conrady"),
     "lens a list": (GOOD.replace("brown_conrady", "[a]", 1), "left.lens must be one of"),
     "coefficients": (GOOD.replace("distortion: [", "distortion: [1, ", 1), "takes 5 or 8 coefficients, but got 6"),
+    "calibration a text": (GOOD + "calibration: good\n", "calibration must hold names with values, but holds a single"),
+    "calibration empty": (GOOD + "calibration: {}\n", r"calibration.covariance is missing \(found: nothing\)"),
+    "calibration key": (
+        SURE.replace("  covariance:", "  covarianc:"),
+        r"calibration.covarianc is no known name \(did you mean covariance",
+    ),
+    "covariance a list": (
+        GOOD + "calibration: {covariance: []}\n",
+        r"calibration.covariance must hold names with values, but holds a list",
+    ),
+    "covariance key": (SURE.replace("    matrix:", "    matix:"), r"calibration.covariance.matix is no .*mean matrix"),
+    "covariance without names": (
+        re.sub(r"    names: .*\n", "", SURE),
+        "calibration.covariance.names is missing",
+    ),
+    "names a text": (re.sub(r"names: .*", "names: all", SURE), "names must be a list of .*, but got 'all'"),
+    "names nested": (SURE.replace("[left.fx_px", "[[left.fx_px]"), "names must be a list of .*, but got"),
+    "wrong names": (
+        SURE.replace("right.cx_px", "right.cx"),
+        "covariance must be of these cameras' 14 parameters, but number 7 is right.cx where right.cx_px is expected",
+    ),
+    "names of another lens": (
+        SURE.replace("lens: pinhole\n  distortion: []", "lens: kannala_brandt\n  distortion: [0, 0, 0, 0]", 1),
+        "cameras' 18 parameters, but number 5 is right.fx_px where left.k1 is expected",
+    ),
+    "one row less": (SURE.replace(ROW + "\n", ""), "matrix must be 14x14 numbers, but got 13x14"),
+    "one name less": (SURE.replace("[left.fx_px, ", "["), "matrix must be 13x13 numbers, but got 14x14"),
+    "ragged covariance": (SURE.replace(ROW, "      - [1.0]"), "calibration.covariance.matrix must be numbers"),
+    "covariance NaN": (re.sub(r"- \[[\d.e-]+", "- [nan", SURE, count=1), "covariance.matrix must be numbers|finite"),
+    "covariance .nan": (SURE.replace(ROW, ROW.replace("0.", ".nan", 1)), "covariance.matrix must be numbers"),
+    "covariance null": (SURE.replace(ROW, ROW.replace("[0.", "[null, 0.", 1)), "covariance.matrix must be numbers"),
+    "not symmetric": (SURE.replace(ROW, ROW.replace(", ", ", 1", 1)), "covariance must be symmetric with variances >="),
+    "negative variance": (SURE.replace(ROW, ROW.replace("[", "[-", 1)), "covariance must be symmetric with variances"),
+    "not positive semi-definite": (
+        SURE.replace(ROW, ROW.replace("[0.", "[0.000", 1)),
+        "covariance must be positive semi-definite, but is not",
+    ),
     "a list": ("- roadblock_rig: 1\nroadblock_rig: 1\n", "is not valid YAML"),
     "opencv: missing matrix": (OPENCV.replace("M1", "M9"), "holds none of M1, K1, cameraMatrix1"),
     "opencv: two names": (OPENCV.replace("image_width", "K1: 3\nimage_width"), "holds M1 and K1, which mean the same"),

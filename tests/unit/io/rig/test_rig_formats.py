@@ -10,9 +10,10 @@ import pytest
 import yaml
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from rig_examples import COEFFICIENTS, LENS_OF, SIZE_PX, assert_same, crooked_camera, crooked_rig, pose
+from rig_examples import COEFFICIENTS, LENS_OF, SIZE_PX, assert_same, crooked_camera, crooked_rig, pose, sure_rig
 
 from roadblock.errors import OutputError, RigError
+from roadblock.geometry.uncertainty import range_sigma
 from roadblock.io.rig import READERS, WRITERS, read_rig, write_rig
 from roadblock.io.rig.files import Asked
 from roadblock.values.camera import Camera, StereoRig
@@ -47,6 +48,57 @@ def test_mounting_is_kept(tmp_path, name):
     assert_same(read_rig(tmp_path / "rig.yaml"), rig)
     scaled = read_rig(tmp_path / "rig.yaml", unit_m=0.5)
     np.testing.assert_allclose(scaled.T_vehicle_car[:3, 3], rig.T_vehicle_car[:3, 3] / 2)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_a_covariance_is_kept_exactly(tmp_path, lens):
+    rig = sure_rig(crooked_rig(lens, "kannala_brandt", mounting=True))
+    write_rig(rig, tmp_path / "rig.yaml")
+    read = read_rig(tmp_path / "rig.yaml")
+    assert read.covariance.names == rig.covariance.names
+    np.testing.assert_array_equal(read.covariance.matrix, rig.covariance.matrix)
+    assert_same(read, rig, 0)
+    first = (tmp_path / "rig.yaml").read_text()
+    write_rig(read, tmp_path / "rig.yaml")
+    assert (tmp_path / "rig.yaml").read_text() == first
+
+
+def test_a_covariance_is_in_the_unit_of_its_lengths(tmp_path):
+    rig = sure_rig(crooked_rig())
+    write_rig(rig, tmp_path / "rig.yaml")
+    half = read_rig(tmp_path / "rig.yaml", unit_m=0.5)
+    expected = rig.covariance.matrix.copy()
+    expected[-3:] *= 0.5
+    expected[:, -3:] *= 0.5
+    np.testing.assert_allclose(half.covariance.matrix, expected, rtol=1e-15)
+
+
+def test_people_read_the_range_sigma_in_our_file(tmp_path):
+    rig = sure_rig(crooked_rig("kannala_brandt", rotvec=(0.021, 0.35, 0.017)))
+    path = write_rig(rig, tmp_path / "rig.yaml")[0]
+    told = yaml.safe_load(path.read_text())["calibration"]["range_sigma_m"]
+    assert list(told) == [5, 10, 20, 40]
+    for distance_m, rows in told.items():
+        expected = range_sigma(rig, distance_m)
+        np.testing.assert_array_equal([[cell is None for cell in row] for row in rows], np.isnan(expected))
+        known = np.array([[np.nan if cell is None else cell for cell in row] for row in rows])
+        np.testing.assert_allclose(known, expected, rtol=0.006)
+    assert np.isnan(known).any()  # the right camera sees not all that the left one does
+    text = path.read_text()
+    path.write_text(text[: text.index("  # Standard deviation of the range")])  # they follow from the covariance
+    np.testing.assert_array_equal(read_rig(path).covariance.matrix, rig.covariance.matrix)
+
+
+def test_a_file_without_a_covariance_has_none(tmp_path):
+    path = write_rig(crooked_rig(), tmp_path / "rig.yaml")[0]
+    assert "calibration" not in path.read_text()
+    assert read_rig(path).covariance is None
+
+
+@pytest.mark.parametrize("name", ["opencv", "ros", "kalibr"])
+def test_other_formats_carry_no_covariance(tmp_path, name):
+    write_rig(sure_rig(crooked_rig("radtan")), at(tmp_path, name), name)
+    assert read_rig(at(tmp_path, name)).covariance is None
 
 
 @pytest.mark.parametrize("name", ["ros", "kalibr"])
