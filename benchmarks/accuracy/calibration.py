@@ -1,8 +1,8 @@
 """Judge calibration: `python benchmarks/accuracy/calibration.py [--part rendered|sampled|real]... [--rigs N] ...`.
 
 * rendered: boards before rigs like the paper's, built with tolerances, photographed by the simulator. Corners against
-  the truth, and the range error that calibration leaves: points 5, 10, 20 and 40 m ahead, projected through the true rig
-  to raw pixels and triangulated with the estimated one. OpenCV beside it on the same pictures and corners.
+  the truth, and the range error that calibration leaves: points 5, 10, 20 and 40 m ahead, projected through the true
+  rig to raw pixels and triangulated with the estimated one. OpenCV beside it on the same pictures and corners.
 * sampled: one set of views with known truth, solved again and again with fresh corner noise: does the covariance say
   what happens?
 * real: the recordings in DATA/calibration (DATA: `--data`, default $ROADBLOCK_DATA or ../shared/data).
@@ -133,12 +133,8 @@ def stereo_calibrate(
     images, alone = [], []
     for side in ("left", "right"):
         sightings = [v.left if side == "left" else v.right for v in both]
-        points = [
-            s.points_px[np.searchsorted(s.ids, ids, sorter=np.argsort(s.ids))]
-            if (np.diff(s.ids) > 0).all()
-            else s.points_px[[list(s.ids).index(i) for i in ids]]
-            for s, ids in zip(sightings, shared, strict=True)
-        ]
+        at = [np.argsort(s.ids)[np.searchsorted(np.sort(s.ids), ids)] for s, ids in zip(sightings, shared, strict=True)]
+        points = [s.points_px[rows] for s, rows in zip(sightings, at, strict=True)]
         images.append([p.astype(np.float32) for p in points])
         _, K, k, _, _ = cv2.calibrateCamera(objects, images[-1], size_px, None, None, flags=flags)
         alone += [K, k]
@@ -458,9 +454,9 @@ def main() -> None:
 
 NOTES = (
     "Rendered: 25 views of a 9x6 chessboard of 25 mm squares before the paper's rig as hands would build it "
-    "(`sim.boards.built_rig`), 0.45 px blur, noise of 2 grey levels. Range errors are rms over the left image area both "
-    "cameras see. OpenCV: `cornerSubPix` and `stereoCalibrate` with free intrinsics; in the real sets on our corners of "
-    "the views we used, with the same lens."
+    "(`sim.boards.built_rig`), 0.45 px blur, noise of 2 grey levels. Range errors are rms over the left image area "
+    "both cameras see. OpenCV: `cornerSubPix` and `stereoCalibrate` with free intrinsics; in the real sets on our "
+    "corners of the views we used, with the same lens."
 )
 
 if __name__ == "__main__":

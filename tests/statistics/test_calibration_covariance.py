@@ -1,7 +1,7 @@
 """What a calibration says of its own errors, against errors sampled: one set of views, solved again and again.
 
-The bars (variances within 15 %, range sigmas within 20 %, 63 to 73 % inside of one sigma) are those of the 200 solutions
-of `benchmarks/accuracy/calibration.py --part sampled`; here they are widened by what chance does to fewer.
+The bars (variances within 15 %, range sigmas within 20 %, 63 to 73 % inside of one sigma) are those of the 200
+solutions of `benchmarks/accuracy/calibration.py --part sampled`; here they are widened by what chance does to fewer.
 """
 
 from dataclasses import dataclass
@@ -75,7 +75,7 @@ def solved(truths, far: FloatArray, rng: np.random.Generator) -> tuple[FloatArra
 def triangulated(rig: StereoRig, points_car: FloatArray) -> FloatArray:
     """Forward distances that a rig sees at the true pixels of points, from the angles between its rectified rays."""
     R_left, _ = rectifying_rotations(RIG.T_left_right)
-    in_left = (points_car + (RIG.baseline_m / 2, 0, 0)) @ R_left
+    in_left = (points_car + np.array([RIG.baseline_m / 2, 0, 0])) @ R_left
     pixels = project(RIG.left, in_left), project(RIG.right, transform(inverse(RIG.T_left_right), in_left))
     R_left, R_right = rectifying_rotations(rig.T_left_right)
     left, right = unproject(rig.left, pixels[0]) @ R_left.T, unproject(rig.right, pixels[1]) @ R_right.T

@@ -144,7 +144,7 @@ def test_what_the_terminal_says(roadblock, shots: Path, made_up) -> None:
     ran = roadblock("calibrate", "shots", *ASKED)
     text = " ".join(ran.out.split())
     for words in (
-        "calibration: usable", "views 8 of 9 used", "brown_conrady5 (chosen: fits unseen views best)",
+        "calibration: usable", "views 8 of 9 used", "brown_conrady5 (fits unseen views best)",
         "baseline 120.054 mm ± 0.100 mm", "out of its plane by 0.10 mm in all", "range error at 5 m ± 0.85 mm",
         "(median 0.85 mm, at worst 1.1 mm)",
         "range error at 40 m ± 54 mm", "The range error at 20 m is above 1 %.",
@@ -265,9 +265,9 @@ def test_real_sets(roadblock, work: Path, data_dir: Path, name: str) -> None:
     """Nobody said how large the squares of `opencv` are: its published baseline is 3.343 of them."""
     folder = data_dir / "calibration" / name
     board, square = REAL[name]
-    started = time.monotonic()
+    started_s = time.process_time()
     ran = roadblock("calibrate", f"{folder}/left*.jpg", f"{folder}/right*.jpg", "--board", board, "--square", square)
-    assert time.monotonic() - started < 60
+    assert time.process_time() - started_s < 60  # of one core
     assert ran.code == 0, ran.err
     found = record()
     if name == "bumblebee2":

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 import roadblock
+from roadblock.cli.calibrate import calibrate_command
 from roadblock.cli.demo import demo
 from roadblock.cli.detect import detect
 from roadblock.cli.doctor import doctor
@@ -15,6 +16,7 @@ from roadblock.cli.mount import calibrate_mount
 from roadblock.cli.rig import rig_app
 from roadblock.cli.rigcheck import check
 from roadblock.cli.simulate import simulate
+from roadblock.cli.simulate_calibration import simulate_calibration
 from roadblock.cli.terminal import fail, say
 from roadblock.errors import RoadblockError
 
@@ -28,6 +30,8 @@ app = typer.Typer(
 app.command()(detect)
 app.command()(demo)
 app.command()(simulate)
+app.command("simulate-calibration")(simulate_calibration)
+app.command("calibrate")(calibrate_command)
 app.command("calibrate-mount")(calibrate_mount)
 app.command()(doctor)
 app.add_typer(experiment_app, name="experiment")

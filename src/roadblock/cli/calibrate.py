@@ -23,10 +23,11 @@ from roadblock.io.calibration import baseline_sigma_m, calibration_record, write
 from roadblock.io.rig import write_rig
 from roadblock.io.rig.files import write_whole
 from roadblock.io.rig.native import write_native
+from roadblock.stages.calibrate.advise import explain_missing
 from roadblock.stages.calibrate.board import parse_board
 from roadblock.stages.calibrate.calibrate import calibrate
 from roadblock.stages.calibrate.choose import choose_views
-from roadblock.stages.calibrate.detect import explain_missing, find_board
+from roadblock.stages.calibrate.detect import find_board
 from roadblock.stages.calibrate.settings import CalibrateSettings
 from roadblock.values.board import Board, BoardView
 from roadblock.values.calibration import Calibration
@@ -35,7 +36,8 @@ from roadblock.viz.calibration_report import in_metres, scale_sentence, write_ca
 
 RIG, RECORD, PAGE = "rig.yaml", "calibration.json", "report.html"
 LENSES = ("auto", "brown_conrady5", "brown_conrady8", "kannala_brandt")
-UNSEEN_KEPT = 6
+HINT = "the whole board must be in the picture, sharp and uncovered, and --board counts inner corners, not squares"
+UNSEEN_KEPT = 8
 """How many pictures without a board are kept to find out why."""
 SHOWN = 5
 """How many of the views left out the terminal shows."""
@@ -200,7 +202,7 @@ def look(images: BoardImages, board: Board) -> Found:
     for side in ("left", "right"):
         if all(getattr(view, side) is None for view in found.views):
             why = explain_missing(found.blind[side], board)
-            raise CalibrationError(f"the board was found in no {side} picture: {why}")
+            raise CalibrationError(f"the board was found in no {side} picture: {why or HINT}")
     if not any(view.left and view.right for view in found.views):
         raise CalibrationError(
             f"in none of {len(found.views)} views do both cameras see the board at once: hold it where both see it, "
@@ -291,7 +293,8 @@ def report(result: Calibration, record: dict[str, Any], out: Path, target: Path,
 
 def summary(result: Calibration, record: dict[str, Any]) -> list[tuple[str, str]]:
     """Return rows (what, value) about a calibration."""
-    why = next((trial.verdict for trial in result.lens_trials if trial.verdict.startswith("chosen")), "given")
+    verdicts = [trial.verdict for trial in result.lens_trials if trial.verdict.startswith("chosen")]
+    why = verdicts[0].removeprefix("chosen: ") if verdicts else "given"
     heights_m = result.board_heights_m
     sigma_m = baseline_sigma_m(result.rig)
     baseline = f"{1000 * result.rig.baseline_m:.3f} mm"

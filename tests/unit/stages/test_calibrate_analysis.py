@@ -98,12 +98,12 @@ def test_epipolar_errors_are_the_rows_of_opencv() -> None:
     assert view.left
     assert view.right
     np.testing.assert_allclose(epipolar_px(RIG, view), 0, atol=1e-9)
-    moved = replace(view, right=replace(view.right, points_px=view.right.points_px + (0.3, -2.0)))
+    moved = replace(view, right=replace(view.right, points_px=view.right.points_px + np.array([0.3, -2.0])))
     T = np.linalg.inv(RIG.T_left_right)
     R1, R2, P1, P2, *_ = cv2.stereoRectify(
         RIG.left.K, RIG.left.distortion, RIG.right.K, RIG.right.distortion, RIG.left.size_px, T[:3, :3], T[:3, 3:]
     )
-    common, of_left, of_right = np.intersect1d(view.left.ids, view.right.ids, return_indices=True)
+    _, of_left, of_right = np.intersect1d(view.left.ids, view.right.ids, return_indices=True)
     rows = [
         cv2.undistortPoints(points[:, None], camera.K, camera.distortion, R=R, P=P)[:, 0, 1]
         for points, camera, R, P in (
@@ -126,7 +126,7 @@ def test_reasons_name_what_moved_what_is_no_pair_and_what_fits_no_camera() -> No
     view = example_views(RIG, FLAT, np.random.default_rng(4), 1, 0.0)[0]
     assert view.left
     assert view.right
-    moved = replace(view, right=replace(view.right, points_px=view.right.points_px + (0.0, 3.2)))
+    moved = replace(view, right=replace(view.right, points_px=view.right.points_px + np.array([0.0, 3.2])))
     lost = Sighting(view.left.ids[:1], np.array([[1e5, 1e5]]), np.array([0.1]))
     views = (view, moved, moved, moved, replace(view, right=None), replace(view, left=lost))
     together = ("", "far off", "far off", "far off", "far off", "far off")

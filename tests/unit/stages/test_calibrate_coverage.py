@@ -8,8 +8,9 @@ from calibration_examples import FLAT, example_rig, example_sighting, example_vi
 
 from roadblock.errors import CalibrationError
 from roadblock.geometry.pose import pose, rotation_from_rotvec, transform
+from roadblock.geometry.projection import project
 from roadblock.geometry.stereo import right_from_left
-from roadblock.geometry.uncertainty import range_sigma
+from roadblock.geometry.uncertainty import moved_rig, range_sigma
 from roadblock.stages.calibrate import coverage as room
 from roadblock.stages.calibrate.bundle import RigSolution, solve_camera, solve_rig
 from roadblock.stages.calibrate.coverage import (
@@ -24,6 +25,7 @@ from roadblock.stages.calibrate.coverage import (
 )
 from roadblock.values.board import BoardView, Sighting
 from roadblock.values.calibration import ViewFit
+from roadblock.values.camera import rig_parameters
 
 RIG = example_rig(size_px=(640, 480))
 SIZE = RIG.left.size_px
@@ -141,6 +143,33 @@ def test_the_next_view_is_where_none_was_and_keeps_its_promise(
     before, after = (np.sqrt(np.nanmean(range_sigma(s.rig, 20.0) ** 2)) for s in (solution, more))
     assert gain == pytest.approx(after / before, rel=0.15)
     assert gain < 0.8
+
+
+def test_a_view_tells_what_finite_differences_say_its_own_pose_eliminated(
+    right_half: tuple[tuple[BoardView, ...], RigSolution],
+) -> None:
+    _, solution = right_half
+    rig, count = RIG, len(rig_parameters(RIG.left, RIG.right))
+    told = room._information(
+        np.stack([T := room._candidates(rig, FLAT)[7][1]]), FLAT,
+        replace(solution, rig=rig, shape=0 * solution.shape, sigma_px=(0.05, 0.02)),
+    )[0]  # fmt: skip
+    steps = np.r_[np.full(count - 6, 1e-4), np.full(6, 1e-6), np.full(6, 1e-6)]
+
+    def pixels(step: np.ndarray) -> np.ndarray:
+        moved = moved_rig(rig, step[:count])
+        T_moved = pose(rotation_from_rotvec(step[count : count + 3]) @ T[:3, :3], T[:3, 3] + step[count + 3 :])
+        in_left = transform(T_moved, FLAT.points_m)
+        left, right = project(moved.left, in_left), project(moved.right, right_from_left(moved, in_left))
+        return np.r_[left.ravel() / 0.05, right.ravel() / 0.02]
+
+    J = np.stack(
+        [(pixels(e * h) - pixels(-e * h)) / (2 * h) for e, h in zip(np.eye(count + 6), steps, strict=True)], -1
+    )
+    H = J.T @ J
+    expected = H[:count, :count] - H[:count, count:] @ np.linalg.solve(H[count:, count:], H[count:, :count])
+    scale = np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
+    np.testing.assert_allclose(told[:count, :count] / scale, expected / scale, atol=1e-4)
 
 
 def test_candidates_are_whole_in_both_images_and_turned_as_said() -> None:

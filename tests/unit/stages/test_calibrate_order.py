@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,17 +17,24 @@ from roadblock.geometry.stereo import right_from_left
 from roadblock.geometry.uncertainty import calibration_jacobian, seen_points
 from roadblock.stages.calibrate import bundle
 from roadblock.stages.calibrate.calibrate import CalibrateSettings, calibrate
-from roadblock.stages.calibrate.start import first_camera
+from roadblock.stages.calibrate.start import PINHOLE_AS_KANNALA_BRANDT, first_camera
 from roadblock.values.board import Board, BoardView, Sighting
-from roadblock.values.calibration import Calibration
+from roadblock.values.calibration import Calibration, LensTrial
+from roadblock.values.camera import Camera
 
 RIG = example_rig(size_px=(640, 480))
 SIZE = RIG.left.size_px
 EVEN = Board("chessboard", 8, 6, 0.025)
+ROOM = sys.modules["roadblock.stages.calibrate.calibrate"]
 GIVEN = CalibrateSettings(lens="brown_conrady5")
+CAMERAS = {
+    "brown_conrady5": Camera(SIZE, 500, 500, 320, 240, "brown_conrady", np.zeros(5)),
+    "brown_conrady8": Camera(SIZE, 500, 500, 320, 240, "brown_conrady", np.zeros(8)),
+    "kannala_brandt": Camera(SIZE, 500, 500, 320, 240, "kannala_brandt", PINHOLE_AS_KANNALA_BRANDT),
+}
 
 
-def views_of(board: Board = FLAT, count: int = 20, seed: int = 1, noise_px: float = 0.05) -> list[BoardView]:
+def views_of(board: Board = FLAT, count: int = 14, seed: int = 1, noise_px: float = 0.05) -> list[BoardView]:
     return list(example_views(RIG, board, np.random.default_rng(seed), count, noise_px))
 
 
@@ -51,7 +59,7 @@ def run(views: Sequence[BoardView], board: Board = FLAT) -> Calibration:
 def near() -> Iterator[pytest.MonkeyPatch]:
     """Let every search for a camera start near the truth: the search has its own tests, and takes most of the time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bundle, "first_camera", lambda *_: replace(RIG.left, fx_px=500.0, cx_px=310.0))
+        patch.setattr(bundle, "first_camera", lambda _, __, size_px, lens: CAMERAS[lens])
         yield patch
 
 
@@ -70,7 +78,7 @@ def healthy() -> Calibration:
 
 def test_healthy_views_give_a_good_rig_and_all_its_evidence(healthy: Calibration) -> None:
     assert healthy.verdict == "good", healthy.reasons
-    assert [view.name for view in healthy.used] == [f"{i:02d}" for i in range(20)]
+    assert [view.name for view in healthy.used] == [f"{i:02d}" for i in range(14)]
     assert healthy.rms_px == pytest.approx(0.05 * np.sqrt(2), rel=0.05)
     assert healthy.sigma_px == pytest.approx((0.05, 0.05), rel=0.1)
     assert healthy.epipolar_rms_px == pytest.approx(0.05 * np.sqrt(2), rel=0.1)
@@ -116,32 +124,31 @@ def test_progress_counts_up_to_the_last_step() -> None:
     assert told[0][0] == "each camera alone"
 
 
-def test_a_lens_is_chosen_where_none_is_given(searching: None) -> None:
+def test_a_lens_is_chosen_where_none_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    evidence = (LensTrial("brown_conrady8", 24, 0.1, 0.1, "chosen"),)
+
+    def choose(*given: Any) -> tuple[str, tuple[LensTrial, ...]]:
+        views, board, size_px, progress = given
+        assert (len(views), board, size_px) == (9, FLAT, SIZE)
+        for done in (1, 2, 3):
+            progress(done, 3)
+        return "brown_conrady8", evidence
+
     told: list[tuple[str, int, int]] = []
-    calibration = calibrate(views_of(count=8), FLAT, SIZE, progress=lambda *step: told.append(step))
-    assert len(calibration.lens_trials) == 3
-    assert [t.lens for t in calibration.lens_trials if t.verdict.startswith("chosen")] == ["brown_conrady5"]
-    assert len(calibration.rig.left.distortion) == 5
+    monkeypatch.setattr(ROOM, "choose_lens", choose)
+    calibration = calibrate(views_of(count=9), FLAT, SIZE, progress=lambda *step: told.append(step))
+    assert calibration.lens_trials is evidence
+    assert [len(fit.camera.distortion) for fit in calibration.cameras_alone] == [8, 8]
+    assert len(calibration.rig.right.distortion) == 8
     assert [done for _, done, _ in told] == list(range(9))
     assert {total for _, _, total in told} == {9}
+    assert "lens models: 2 of 3 tried" in [what for what, _, _ in told]
 
 
 def test_a_fisheye_starts_as_one(searching: None) -> None:
     rig = example_rig("kannala_brandt", size_px=(640, 480), fov=2.6)
-    views = example_views(rig, FLAT, np.random.default_rng(3), 6, 0.05, distance_m=(0.12, 0.3))
-    room = sys.modules["roadblock.stages.calibrate.calibrate"]
-    assert [a.lens for a in room._each_alone(views, FLAT, SIZE, "auto")] == ["kannala_brandt"] * 2
-    assert [a.lens for a in room._each_alone(views_of(count=6), FLAT, SIZE, "auto")] == ["brown_conrady5"] * 2
-
-
-def test_the_chosen_lens_replaces_the_first_one(searching: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    room = sys.modules["roadblock.stages.calibrate.calibrate"]
-    monkeypatch.setattr(room, "choose_lens", lambda *_: ("brown_conrady8", ("evidence",)))
-    monkeypatch.setattr(room, "FIRST_LENSES", ("brown_conrady5",))
-    calibration = calibrate(views_of(count=12), FLAT, SIZE)
-    assert [len(fit.camera.distortion) for fit in calibration.cameras_alone] == [8, 8]
-    assert len(calibration.rig.right.distortion) == 8
-    assert calibration.lens_trials == ("evidence",)
+    views = example_views(rig, EVEN, np.random.default_rng(3), 6, 0.05, distance_m=(0.12, 0.3))
+    assert [a.lens for a in ROOM._each_alone(views, EVEN, SIZE, "auto")] == ["kannala_brandt"] * 2
 
 
 @pytest.mark.parametrize("shift_px", [(0.0, 3.0), (3.0, 0.0)])
@@ -176,7 +183,7 @@ def test_views_with_a_few_wrong_corners_stay_and_are_named(healthy: Calibration)
     for i, many in ((4, 3), (7, 6)):
         views[i] = replace(views[i], right=moved(views[i].right, (4.0, -4.0), slice(0, many)))
     calibration = run(views)
-    assert len(calibration.used) == 20
+    assert len(calibration.used) == 14
     assert calibration.rms_px > 3 * healthy.rms_px
     assert any(
         said.startswith("9 of ") and "corners are wrong" in said and said.endswith("view 07")
@@ -255,13 +262,13 @@ def test_one_camera_twice_is_refused() -> None:
 
 
 def test_too_few_views_are_refused_by_name() -> None:
-    with pytest.raises(CalibrationError, match="^left camera: 2 of 2 views"):
+    with pytest.raises(CalibrationError, match=r"^left camera: 2 of 2 views"):
         run(views_of()[:2])
-    with pytest.raises(CalibrationError, match="^left camera: 0 of 0 views"):
+    with pytest.raises(CalibrationError, match=r"^left camera: 0 of 0 views"):
         run([BoardView("nothing", None, None)])
     with pytest.raises(CalibrationError, match=r"^right camera: 0 of \d+ views"):
         run([replace(v, right=None) for v in views_of()])
-    with pytest.raises(CalibrationError, match="no view shows the board to both cameras"):
+    with pytest.raises(CalibrationError, match=r"no view shows the board to both cameras"):
         run([replace(v, **{("left", "right")[i % 2]: None}) for i, v in enumerate(views_of())])  # type: ignore[arg-type]
 
 
@@ -296,12 +303,11 @@ def boards_at(tilt_deg: float, middle: tuple[float, float], distance_m: tuple[fl
     return views
 
 
-@pytest.mark.parametrize("distance_m", [(0.5, 1.4), (0.9, 0.95)])
-def test_parallel_boards_are_refused(distance_m: tuple[float, float]) -> None:
+def test_parallel_boards_are_refused() -> None:
     with pytest.raises(
         CalibrationError, match=r"all boards are parallel to the image .* take some with the board tilted"
     ):
-        run(boards_at(1.0, (0.2, 0.85), distance_m))
+        run(boards_at(1.0, (0.2, 0.85), (0.5, 1.4)))
 
 
 def test_boards_in_a_tiny_part_of_the_image_are_refused_with_what_is_missing() -> None:

@@ -138,6 +138,27 @@ def test_boards_that_all_lie_alike_take_cameras_that_stand_the_same_way_up() -> 
     np.testing.assert_allclose(pairing.T_left_right, RIG.T_left_right, atol=0.01)
 
 
+def test_boards_that_are_all_numbered_from_the_other_end_stay_so() -> None:
+    views = [
+        replace(v, left=other_way(v.left, EVEN), right=other_way(v.right, EVEN))
+        for v in seen_by_both(EVEN, np.random.default_rng(6), 6)
+        if v.left and v.right
+    ]
+    pairing = paired(views, EVEN)
+    assert all(a is b for a, b in zip(pairing.views, views, strict=True))
+
+
+def test_most_pairs_outvote_one_that_looks_more_upright() -> None:
+    views = seen_by_both(FLAT, np.random.default_rng(6), 6)
+    T_left_right = pose(cv2.Rodrigues(np.array([0.1, -0.4, 0.2]))[0], [0.3, 0.01, 0.02])
+    in_left = poses([v.left for v in views], RIG.left, FLAT)
+    in_right = [inverse(T_left_right) @ T for T in in_left if T is not None]
+    in_right[2] = inverse(pose(np.eye(3), [0.3, 0.0, 0.0])) @ in_left[2]
+    pairing = pair_up(views, in_left, in_right, FLAT)
+    assert np.flatnonzero(~pairing.agrees).tolist() == [2]
+    np.testing.assert_allclose(pairing.T_left_right, T_left_right, atol=1e-9)
+
+
 def test_a_sighting_of_two_points_keeps_its_numbers() -> None:
     views = seen_by_both(EVEN, np.random.default_rng(7), 6)
     few = Sighting(np.array([0, 1]), np.array([[300.0, 200], [320, 201]]), np.full(2, 0.1))

@@ -33,8 +33,8 @@ def healthy(**changes: Any) -> Calibration:
     ranges = {z: np.full((5, 7), 0.3 * MATCHING_M * (z / 20) ** 2) for z in (5.0, 10.0, 20.0, 40.0)}
     coverage = Coverage(np.ones((6, 8)), np.ones((6, 8)), np.ones(12), np.zeros((12, 2)))
     found = Calibration(
-        RIG, FLAT, np.zeros(54), np.zeros(54), tuple(view(f"{i:02d}") for i in range(12)), (camera(), camera()), (), 0.03,
-        (0.021, 0.022), 0.03, 1.0, ranges, coverage, "refused",
+        RIG, FLAT, np.zeros(54), np.zeros(54), tuple(view(f"{i:02d}") for i in range(12)), (camera(), camera()), (),
+        0.03, (0.021, 0.022), 0.03, 1.0, ranges, coverage, "refused",
     )  # fmt: skip
     return replace(found, **changes)
 

@@ -2,9 +2,9 @@
 
 The problem is sparse in one simple way: a view's pose touches that view's points only. Eliminating the poses (Schur's
 complement) leaves a dense system of the few dozen parameters that all views share. With views as the leading axis of
-every array a step costs milliseconds, where `scipy.optimize.least_squares` needs seconds for a solution: its exact
-solver decomposes the whole Jacobian, and its iterative one (lsmr) stalls on what a lens and the boards' poses share.
-It stays the slow twin that a test holds this one to.
+every array, 29 pairs of 54 corners take 0.09 s. `scipy.optimize.least_squares` with the same Jacobian takes 11 s by
+its exact solver, which decomposes the whole matrix, and by its sparse one (lsmr) stalls: 28 % above the least cost and
+half a pixel off in the focal length after 100 evaluations (2 s). It stays the slow twin that a test holds this to.
 """
 
 from collections.abc import Sequence
@@ -114,7 +114,7 @@ class Bundle:
 
 def camera_values(camera: Camera) -> FloatArray:
     """Return its parameters in the order of `Camera.parameters`."""
-    return np.r_[camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.distortion]
+    return np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *camera.distortion])
 
 
 def camera_of(like: Camera, values: FloatArray) -> Camera:

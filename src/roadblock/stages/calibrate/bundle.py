@@ -235,13 +235,15 @@ def solve_rig(
     if start is None:
         good = pairs & [not (a or b) for a, b in zip(left.left_out, right.left_out, strict=True)]
         some = good if good.any() else pairs
-        T_left_right = relative_pose(in_left[some], in_right[some])
-        via_right = T_left_right @ in_right
-        own = np.where(by_left[:, None, None], in_left, via_right)
-        bundle = Bundle(cameras, T_left_right, own, np.zeros(len(problem.shape.sigma_m)))
-        bundle = best_poses(problem, bundle, by_left | by_right, (in_left, via_right))
+        T_left_right, shape = relative_pose(in_left[some], in_right[some]), np.zeros(len(problem.shape.sigma_m))
+        known = np.full_like(in_left, np.nan)
     else:
-        bundle = Bundle(cameras, start.rig.T_left_right, _stack(start.T_left_board), start.shape)
+        T_left_right, shape, known = start.rig.T_left_right, start.shape, _stack(start.T_left_board)
+    via_right = T_left_right @ in_right
+    own = np.where(np.isnan(known), np.where(np.isnan(in_left), via_right, in_left), known)
+    bundle = Bundle(cameras, T_left_right, own, shape)
+    if start is None:
+        bundle = best_poses(problem, bundle, by_left | by_right, (in_left, via_right))
     fit = fit_views(problem, bundle, np.ones(len(problem.sigma), bool), (by_left | by_right) & wanted)
     reasons = ["not asked for" * bool(not asked) for asked in wanted]
     return _rig_solution(problem, board, lens, fit, reasons)

@@ -72,8 +72,10 @@ def _in_order(centers: FloatArray, board: Board) -> FloatArray | None:
         for turned in (g, g[::-1, ::-1], g[::-1], g[:, ::-1]):
             points = turned.reshape(-1, 2)
             H = _homography(board, points)
-            step = np.linalg.det(_jacobian(H, board.points_m.mean(0)[:2])) ** 0.5 * board.square_m  # NaN if mirrored
-            error = float(np.sqrt(((_through(H, board.points_m[:, :2]) - points) ** 2).mean()) / step)
+            area = float(np.linalg.det(_jacobian(H, board.points_m.mean(0)[:2]))) * board.square_m**2
+            if not area > 0:
+                continue  # mirrored
+            error = float((((_through(H, board.points_m[:, :2]) - points) ** 2).mean() / area) ** 0.5)
             rank = (round(error, 1), -float(turned[0, -1, 0] - turned[0, 0, 0]))
             if rank < best:
                 best, order = rank, points

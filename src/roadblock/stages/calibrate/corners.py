@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
@@ -131,17 +132,23 @@ def fit_corners(image: NDArray[np.uint8], grid_px: FloatArray, clear: float = 0.
 def local_steps(grid_px: FloatArray) -> FloatArray:
     """Return (rows, columns, 2, 2) the vectors to the next corner in the row and in the column, pixels.
 
-    The mean of the steps from and to the neighbours; NaN where there is none.
+    The mean of the steps from and to the neighbours. Neighbours that were not found (NaN) are taken to lie where the
+    plane of all found corners has them; NaN if that cannot be told.
     """
-    steps = np.full((*grid_px.shape[:2], 2, 2), np.nan)
-    for k, axis in enumerate((1, 0)):
-        d = np.diff(grid_px, axis=axis)
-        gap = np.full_like(grid_px.take([0], axis), np.nan)
-        ahead, behind = np.concatenate([d, gap], axis), np.concatenate([gap, d], axis)
-        both = (ahead + behind) / 2
-        one = np.where(np.isfinite(ahead), ahead, behind)
-        steps[..., k, :] = np.where(np.isfinite(both), both, one)
-    return steps
+    grid = _filled(grid_px)
+    return np.stack([np.gradient(grid, axis=1), np.gradient(grid, axis=0)], -2)
+
+
+def _filled(grid_px: FloatArray) -> FloatArray:
+    found = np.isfinite(grid_px).all(-1)
+    if found.all() or found.sum() < 4:
+        return grid_px
+    place = np.stack(np.indices(found.shape), -1).astype(np.float64)
+    H, _ = cv2.findHomography(place[found], grid_px[found])
+    if H is None:
+        return grid_px
+    flat = cv2.perspectiveTransform(place.reshape(-1, 1, 2), H).reshape(grid_px.shape)
+    return np.where(found[..., None], grid_px, flat)
 
 
 def bends(grid_px: FloatArray) -> FloatArray:

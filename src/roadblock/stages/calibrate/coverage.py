@@ -1,6 +1,6 @@
 """Calibrate: coverage. A solved rig and its views in; what they miss, and the next view that helps most, out."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -10,7 +10,7 @@ from roadblock.geometry.pose import pose, rotation_from_rotvec, transform
 from roadblock.geometry.projection import project, unproject
 from roadblock.geometry.stereo import right_from_left
 from roadblock.geometry.uncertainty import calibration_jacobian, seen_points
-from roadblock.stages.calibrate.adjust import Bundle, corners_of, normal_equations
+from roadblock.stages.calibrate.adjust import Bundle, Mask, corners_of, normal_equations
 from roadblock.stages.calibrate.bundle import RigSolution
 from roadblock.stages.calibrate.start import knowledge
 from roadblock.values.board import Board, BoardView, Sighting
@@ -79,7 +79,7 @@ def coverage_of(views: Sequence[BoardView], fits: Sequence[ViewFit], board: Boar
 
 
 def board_tilts_deg(poses: FloatArray) -> FloatArray:
-    """Return (n, 2) turns about the vertical and the horizontal axis, as in `Coverage`, of `T_camera_board` (n, 4, 4)."""
+    """Return (n, 2) turns about the vertical and horizontal axis of `T_camera_board` (n, 4, 4), as in `Coverage`."""
     nx, ny, nz = np.moveaxis(poses[:, :3, 2], -1, 0)
     return np.asarray(np.degrees(np.stack([np.arctan2(-nx, nz), np.arctan2(ny, nz)], -1)))
 
@@ -167,7 +167,7 @@ def best_next_view(board: Board, solution: RigSolution) -> tuple[str, float]:
     points = seen_points(rig, JUDGED_AT_M).reshape(-1, 3)
     by_rig = calibration_jacobian(rig, points)[:, 2]
     by_rig = by_rig[~np.isnan(by_rig).any(-1)]
-    candidates = list(_candidates(rig, board))
+    candidates = _candidates(rig, board)
     if not candidates or not len(by_rig):
         return "", float("nan")
     told = _information(np.stack([T for _, T in candidates]), board, solution)
@@ -178,23 +178,28 @@ def best_next_view(board: Board, solution: RigSolution) -> tuple[str, float]:
     return (f"hold the board {candidates[best][0]}" if gain < LEAST_GAIN else ""), gain
 
 
-def _candidates(rig: StereoRig, board: Board) -> Iterator[tuple[str, FloatArray]]:
-    """Yield views, in words and as `T_left_board`, that both cameras see whole."""
-    width, height = rig.left.size_px
-    for share, (u, across), (v, down), ((side, top), tilt) in product(SHARES, *PLACES, TILTS):
-        z_m = rig.left.fx_px * max(board.size_m) / (share * width)
-        ray = unproject(rig.left, [u * width, v * height])
+def _candidates(rig: StereoRig, board: Board) -> list[tuple[str, FloatArray]]:
+    """Return views, in words and as `T_left_board`, that both cameras see whole."""
+    places = [
+        (f"{down} {across}".strip() or "middle", np.array([u, v]) * rig.left.size_px)
+        for (u, across), (v, down) in product(*PLACES)
+    ]
+    rays = unproject(rig.left, np.stack([pixel for _, pixel in places]))
+    tried = []
+    for share, ((place, _), ray), ((side, top), tilt) in product(SHARES, zip(places, rays, strict=True), TILTS):
+        z_m = rig.left.fx_px * max(board.size_m) / (share * rig.left.size_px[0])
         R = rotation_from_rotvec(np.radians(TILT_DEG) * np.array([-top, -side, 0.0]))
         T = pose(R, ray / ray[2] * z_m - R @ (board.points_m.max(0) / 2))
-        points = transform(T, board.points_m)
-        if _whole(rig.left, points) and _whole(rig.right, right_from_left(rig, points)):
-            where = f"at the {f'{down} {across}'.strip() or 'middle'} of the left image"
-            yield f"{where}, {z_m:.2g} m away, {tilt}", T
+        tried.append((f"at the {place} of the left image, {z_m:.2g} m away, {tilt}", T))
+    points = np.stack([transform(T, board.points_m) for _, T in tried])
+    whole = _whole(rig.left, points) & _whole(rig.right, right_from_left(rig, points))
+    return [candidate for candidate, seen in zip(tried, whole, strict=True) if seen]
 
 
-def _whole(camera: Camera, points: FloatArray) -> bool:
+def _whole(camera: Camera, points: FloatArray) -> Mask:
+    """Return which boards (boards, n, 3) lie in the image with all their points."""
     pixels = project(camera, points)
-    return bool(((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1.0)).all())
+    return np.asarray(((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1.0)).all((1, 2)))
 
 
 def _information(poses: FloatArray, board: Board, solution: RigSolution) -> FloatArray:
@@ -207,7 +212,7 @@ def _information(poses: FloatArray, board: Board, solution: RigSolution) -> Floa
     weight = [np.full(shape, 1 / sigma**2) for sigma in solution.sigma_px]
     errors = [np.zeros((*shape, 2))] * 2
     view = normal_equations(problem, bundle, errors, weight, np.ones(len(problem.sigma), bool))
-    return np.asarray(view.shared - view.across @ np.linalg.inv(view.poses) @ view.across.swapaxes(1, 2))
+    return np.asarray(view.shared)
 
 
 def _range_variance(information: FloatArray, by_rig: FloatArray) -> float:

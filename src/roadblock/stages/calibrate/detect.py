@@ -55,19 +55,20 @@ def find_board(image: NDArray[np.uint8], board: Board) -> Sighting | None:
     ValueRefusedError
         If the image has another shape or type, or no pixels.
     """
-    grey = _grey(image)
+    grey = to_grey(image)
     if min(grey.shape) < LEAST_SIDE_PX:
         return None
     if board.kind == "circles":
         return find_circles(grey, board)
     if board.kind == "charuco":
-        grid = _find_charuco(grey, board)
+        grid = find_charuco(grey, board)
         return None if grid is None else _sighting(grey, grid, board, (1 - board.marker_share) / 2)
     grid = _find_chessboard(grey, board)
     return None if grid is None else _sighting(grey, grid, board, 0.5)
 
 
-def _grey(image: NDArray[np.uint8]) -> Grey:
+def to_grey(image: NDArray[np.uint8]) -> Grey:
+    """Return a grey picture of a grey or RGB one; see `find_board` for what is refused."""
     array = np.asarray(image)
     if array.dtype != np.uint8 or array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,)) or not array.size:
         raise ValueRefusedError(
@@ -77,13 +78,17 @@ def _grey(image: NDArray[np.uint8]) -> Grey:
     return array if array.ndim == 2 else np.asarray(cv2.cvtColor(array, cv2.COLOR_RGB2GRAY), np.uint8)
 
 
+def shrunk(grey: Grey) -> Grey:
+    """Return the picture itself, or a smaller one that is quick to search."""
+    if grey.size <= SEARCH_PX:
+        return grey
+    scale = 1 / math.ceil((grey.size / SEARCH_PX) ** 0.5)
+    return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+
+
 def _find_chessboard(grey: Grey, board: Board) -> FloatArray | None:
     """Return (rows, columns, 2) about where the corners are, pixels."""
-    size = (board.columns, board.rows)
-    shrink = math.ceil((grey.size / SEARCH_PX) ** 0.5)
-    small = grey
-    if shrink > 1:
-        small = cv2.resize(grey, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+    size, small = (board.columns, board.rows), shrunk(grey)
     found, corners = cv2.findChessboardCornersSB(small, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
     if not found and cv2.checkChessboard(small, size):
         found, corners = _search_harder(small, size)
@@ -91,8 +96,8 @@ def _find_chessboard(grey: Grey, board: Board) -> FloatArray | None:
         return None
     scale = np.array(grey.shape[::-1]) / small.shape[::-1]
     points = (np.asarray(corners, np.float64).reshape(-1, 2) + 0.5) * scale - 0.5
-    if shrink > 1:
-        points = _refined(grey, points, shrink + 2)
+    if small is not grey:
+        points = _refined(grey, points, math.ceil(scale.max()) + 2)
     return points.reshape(board.rows, board.columns, 2)
 
 
@@ -113,7 +118,7 @@ def charuco_detector(board: Board, legacy: bool) -> "cv2.aruco.CharucoDetector":
     return cv2.aruco.CharucoDetector(layout)
 
 
-def _find_charuco(grey: Grey, board: Board) -> FloatArray | None:
+def find_charuco(grey: Grey, board: Board) -> FloatArray | None:
     """Return (rows, columns, 2) about where the corners are, pixels, NaN where one was not found."""
     best = None
     for legacy in (False, True) if board.rows % 2 else (False,):  # the layouts differ for an even count of squares only

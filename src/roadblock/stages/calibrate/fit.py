@@ -149,7 +149,7 @@ def outlier_views(ratio: FloatArray, wrong_share: FloatArray, used: Mask, usable
     out = used & ((worst > max(OUTLIER_FACTOR * float(np.exp(middle)), float(fence))) | wrong)
     room = int(MOST_LEFT_OUT * usable) - (usable - int(used.sum()))
     out[np.argsort(np.where(out, -worst, np.inf), kind="stable")[max(room, 0) :]] = False
-    return out
+    return np.asarray(out)
 
 
 def best_poses(problem: Problem, bundle: Bundle, usable: Mask, others: Sequence[FloatArray]) -> Bundle:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from roadblock.errors import ValueRefusedError
 from roadblock.stages.selfcheck.epipolar import UNKNOWN, Turn, fit_turn, normalized, turn_slopes
-from roadblock.stages.selfcheck.expansion import Stretch, fit_stretch
+from roadblock.stages.selfcheck.expansion import FAR_PX, Stretch, fit_stretch
 from roadblock.stages.selfcheck.features import Gray, Points, follow, gray_pair, match_pair, spread_corners
 from roadblock.stages.selfcheck.settings import SelfcheckSettings
 from roadblock.stages.selfcheck.trust import turn_covariance
@@ -122,19 +122,18 @@ class RigMonitor:
         """Whether a stretch has brought things enough nearer, lost too many, or can grow no older."""
         if not tracks.age:
             return False
-        d1, d2 = np.maximum(tracks.first[:, 2], 1), np.maximum(tracks.d_px, 1)
-        near = (d1 > 2) & (d2 > 2)
-        closing = np.median(np.abs(np.log(d2[near] / d1[near]))) if near.any() else 0.0
+        near = tracks.d_px > FAR_PX
+        closing = np.median(np.abs(_growth(tracks)[near])) if near.any() else 0.0
         few = len(tracks.points) < self.settings.kept_share * tracks.started_with
         return bool(closing > np.log1p(self.settings.closing) or few or tracks.age >= self.settings.frames)
 
     def _finish(self, tracks: _Tracks, turn: Turn, r: Rectification) -> None:
         """Keep what a stretch says of the yaw, if it says anything."""
-        if len(tracks.points) < self.settings.least_features or not np.isfinite(turn.turn_rad).all():
+        grown = np.abs(_growth(tracks)) <= self.settings.growth * tracks.age
+        if grown.sum() < self.settings.least_features or not np.isfinite(turn.turn_rad).all():
             return
-        stretch = fit_stretch(
-            _levelled(tracks.first, turn, r), _levelled(np.column_stack([tracks.points, tracks.d_px]), turn, r), r
-        )
+        first, second = tracks.first[grown], np.column_stack([tracks.points, tracks.d_px])[grown]
+        stretch = fit_stretch(_levelled(first, turn, r), _levelled(second, turn, r), r)
         turning = np.radians(self.settings.turning_deg) * tracks.age
         if stretch is not None and stretch.turned_rad < turning and r.f_px * stretch.sigma_rad < TELLING_PX:
             self._stretches.append(stretch)
@@ -149,6 +148,11 @@ class RigMonitor:
         else:
             self._alarmed = self._agreeing >= self.settings.confirm
         return worded(drift, self._alarmed, self.settings)
+
+
+def _growth(tracks: _Tracks) -> NDArray[np.float32]:
+    """Return the logarithm (n,) of how much larger features have become; nearly 0 for what is far."""
+    return np.asarray(np.log(np.maximum(tracks.d_px, FAR_PX) / np.maximum(tracks.first[:, 2], FAR_PX)))
 
 
 def _levelled(uvd: NDArray[np.float32], turn: Turn, r: Rectification) -> FloatArray:

@@ -17,6 +17,11 @@ class SelfcheckSettings(BaseModel):
     least_features: int = Field(60, ge=20, description="Fewer features of a pair say nothing.")
     closing: float = Field(0.2, gt=0, lt=2, description="A stretch ends when disparities have grown by this share ...")
     kept_share: float = Field(0.6, gt=0, lt=1, description="... or fewer than this share of its features are left.")
+    growth: float = Field(
+        0.08,
+        gt=0,
+        description="Features growing faster than this share per frame are left out: they are tracked with bias.",
+    )
     turning_deg: float = Field(
         1.0, gt=0, description="Stretches turning faster per frame are left out: unequal exposure looks like yaw there."
     )
