@@ -36,6 +36,7 @@ def simulate_calibration(
     known = measured_board(board, square, None, "0.5mm")
     cameras = built_rig(np.random.default_rng(seed)) if rig is None else open_rig(rig, rig_format, unit, size)
     taken = record_boards(cameras, known, out, views, seed, 0.0 if bow is None else parse_length("--bow", bow))
+    done = 0
     try:
         with progress_bar() as progress:
             task = progress.add_task("rendering", total=views)

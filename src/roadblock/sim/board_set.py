@@ -58,7 +58,7 @@ def record_boards(rig: StereoRig, board: Board, out: Path, views: int, seed: int
         "schema": TRUTH_SCHEMA,
         "version": roadblock.__version__,
         "seed": seed,
-        "board": plain(board),
+        "board": {name: value for name, value in plain(board).items() if value not in ("", "nan")},
         "bow_m": bow_m,
         "views": [{"name": name, "T_left_board": T.tolist()} for name, T in zip(names, poses, strict=True)],
     }

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.errors import ValueRefusedError
-from roadblock.values.checks import FloatArray, finite, locked, numbers, positive
+from roadblock.values.checks import FloatArray, finite, locked, positive
 
 BoardKind = Literal["chessboard", "charuco", "circles"]
 

@@ -509,7 +509,15 @@ def test_an_alarm_outlives_the_dark(monkeypatch: pytest.MonkeyPatch) -> None:
     watch = RigMonitor(crooked_rig(), SelfcheckSettings(frames=8))
     drive(monkeypatch, world((0.1, 0, 0), 0), 12, watch)
     dark = drive(monkeypatch, world((0.1, 0, 0), 0, share=0.2), 12, watch, 12)
-    assert dark[-1].state == "moved"
+    assert np.isnan(dark[-1].turn_deg[0])
+    assert (dark[-1].frames, dark[-1].state) == (0, "moved")
+    assert dark[-1].reason == "the right camera has moved"
+
+
+def test_the_dark_is_not_ok(monkeypatch: pytest.MonkeyPatch) -> None:
+    watch = RigMonitor(crooked_rig(), SelfcheckSettings(frames=8))
+    assert drive(monkeypatch, world((0, 0, 0), 0), 20, watch)[-1].state == "ok"
+    assert drive(monkeypatch, world((0, 0, 0), 0, share=0.2), 9, watch, 20)[-1].state == "unknown"
 
 
 def test_few_features_are_unknown(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from roadblock.values.board import Board
 
 Grey = NDArray[np.uint8]
 
-MOST_IMAGES = 5
+MOST_IMAGES = 4
 """So many pictures, spread over all, are looked at."""
 FAMILIES = ("4X4", "5X5", "6X6", "7X7")
 FAMILY_SIZES = (50, 100, 250, 1000)
@@ -43,9 +43,11 @@ def explain_missing(images: Sequence[NDArray[np.uint8]], board: Board) -> str:
     ValueRefusedError
         If an image has another shape or type, or no pixels.
     """
-    some = [images[i] for i in np.unique(np.linspace(0, len(images) - 1, MOST_IMAGES).astype(int))] if len(images) else []
-    looks = [shrunk(to_grey(image)) for image in some]
-    for explain in (_changed, _markers, _chessboard, _circles):
+    some = np.unique(np.linspace(0, max(0, len(images) - 1), MOST_IMAGES).astype(int))[: len(images)]
+    looks = [shrunk(to_grey(images[i])) for i in some]
+    # Dots may look like a chessboard's corners, but hardly the other way round.
+    grids = (_circles, _chessboard) if board.kind == "circles" else (_chessboard, _circles)
+    for explain in (_changed, _markers, *grids):
         sentence = explain(looks, board)
         if sentence:
             return sentence
@@ -53,8 +55,8 @@ def explain_missing(images: Sequence[NDArray[np.uint8]], board: Board) -> str:
 
 
 def _changed(looks: Sequence[Grey], board: Board) -> str:
-    """Mirrored and inverted pictures of the board itself."""
-    for image in looks:
+    """Mirrored and inverted pictures of the board itself: other boards than ChArUco are found in them, too."""
+    for image in looks if board.kind == "charuco" else ():
         if find_board(np.ascontiguousarray(image[:, ::-1]), board) is not None:
             return (
                 "these images are mirrored: the board is found once they are flipped; "
@@ -75,11 +77,11 @@ def _markers(looks: Sequence[Grey], board: Board) -> str:
             ids = detector.detectMarkers(image)[1]
             if ids is not None and len(ids) > best[0]:
                 best = len(ids), family, int(np.max(ids)) + 1, image
-    _, family, markers, image = best
-    if image is None:
+    _, family, markers, showing = best
+    if showing is None:
         return ""
     name = _name(family, markers, board)
-    size = _charuco_size(image, name, markers, board)
+    size = _charuco_size(showing, name, markers, board)
     if (name, size) == (board.dictionary, f"{board.columns}x{board.rows}"):
         return ""
     return (
@@ -117,15 +119,17 @@ def _dictionary(name: str) -> "cv2.aruco.Dictionary":
 
 
 def _chessboard(looks: Sequence[Grey], board: Board) -> str:
-    """A chessboard of another size: OpenCV grows the smallest one as far as it goes."""
+    """Tell a chessboard of another size: OpenCV grows the smallest one as far as it goes."""
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
     sizes: Counter[tuple[int, int]] = Counter()
     for image in looks:
         found, _, meta = cv2.findChessboardCornersSBWithMeta(image, (3, 3), flags)
-        if found:
-            sizes[max(meta.shape), min(meta.shape)] += 1
+        size = (max(meta.shape), min(meta.shape)) if found else (3, 3)
+        if size > (3, 3) and find_board(image, Board("chessboard", size[0], size[1], board.square_m)) is not None:
+            sizes[size] += 1
+    own = (max(board.columns, board.rows), min(board.columns, board.rows))
     for (columns, rows), _ in sizes.most_common(1):
-        if (columns, rows) != (max(board.columns, board.rows), min(board.columns, board.rows)) or board.kind == "circles":
+        if (columns, rows) != own or board.kind == "circles":
             return (
                 f"these images show a chessboard of {columns}x{rows} inner corners, not {_words(board)}: "
                 f"use --board chessboard:{columns}x{rows}"
@@ -134,7 +138,7 @@ def _chessboard(looks: Sequence[Grey], board: Board) -> str:
 
 
 def _circles(looks: Sequence[Grey], board: Board) -> str:
-    """An asymmetric grid of circles of another size."""
+    """Tell an asymmetric grid of circles of another size."""
     for columns, rows in dict.fromkeys([*USUAL_CIRCLES, *_near(board)]):
         trial = Board("circles", columns, rows, board.square_m)
         if any(find_circles(image, trial) is not None for image in looks):

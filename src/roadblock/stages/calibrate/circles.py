@@ -56,7 +56,7 @@ def _search(grey: Grey, board: Board) -> FloatArray | None:
         found, centers = cv2.findCirclesGrid(small, (board.columns, board.rows), flags=flags, blobDetector=detector)
         if found:
             scale = np.array(grey.shape[::-1]) / small.shape[::-1]
-            return (np.asarray(centers, np.float64).reshape(-1, 2) + 0.5) * scale - 0.5
+            return np.asarray((np.asarray(centers, np.float64).reshape(-1, 2) + 0.5) * scale - 0.5)
     return None
 
 
@@ -88,7 +88,7 @@ def _measured(grey: FloatArray, centers: FloatArray, board: Board) -> FloatArray
     on_board = board.points_m[:, :2]
     out = np.full((len(centers), 3), np.nan)
     for i, (center, X) in enumerate(zip(centers, on_board, strict=True)):
-        to_steps = np.linalg.inv(_jacobian(H, X)) / board.square_m
+        to_steps = np.asarray(np.linalg.inv(_jacobian(H, X)) / board.square_m, np.float64)
         found = _mass(grey, center, to_steps)
         if found is not None:
             (u, v, sigma), radius = found
@@ -97,7 +97,9 @@ def _measured(grey: FloatArray, centers: FloatArray, board: Board) -> FloatArray
     return out
 
 
-def _mass(grey: FloatArray, center: FloatArray, to_steps: FloatArray) -> tuple[tuple[float, float, float], float] | None:
+def _mass(
+    grey: FloatArray, center: FloatArray, to_steps: FloatArray
+) -> tuple[tuple[float, float, float], float] | None:
     """Return centre of mass and its sigma, pixels, and the radius, in steps of the grid, of a dark circle."""
     height, width = grey.shape
     half = np.ceil(REACH * np.linalg.norm(np.linalg.inv(to_steps), axis=1)).astype(int) + 1

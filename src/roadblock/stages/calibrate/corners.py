@@ -140,11 +140,11 @@ def local_steps(grid_px: FloatArray) -> FloatArray:
 
 
 def _filled(grid_px: FloatArray) -> FloatArray:
-    found = np.isfinite(grid_px).all(-1)
+    found: NDArray[np.bool_] = np.asarray(np.isfinite(grid_px).all(-1))
     if found.all() or found.sum() < 4:
         return grid_px
-    place = np.stack(np.indices(found.shape), -1).astype(np.float64)
-    H, _ = cv2.findHomography(place[found], grid_px[found])
+    place = np.moveaxis(np.indices(found.shape), 0, -1).astype(np.float64)
+    H: FloatArray | None = cv2.findHomography(place[found], grid_px[found])[0]  # type: ignore[assignment]
     if H is None:
         return grid_px
     flat = cv2.perspectiveTransform(place.reshape(-1, 1, 2), H).reshape(grid_px.shape)
@@ -205,7 +205,7 @@ def _nothing(n: int) -> CornerFits:
 
 
 def _start(points_px: FloatArray, steps: FloatArray) -> FloatArray:
-    """Parameters (n, 9): u, v, angles of the row and the column line, log of the optics' blur, mean, contrast, shade along u and v."""
+    """Return parameters (n, 9): u, v, angles of both lines, log of the optics' blur, mean, contrast, shades."""
     x = np.zeros((len(points_px), 9))
     x[:, :2] = points_px
     x[:, 2:4] = np.arctan2(steps[..., 1], steps[..., 0])
@@ -275,13 +275,13 @@ def _light(windows: _Windows, x: FloatArray, curves: FloatArray) -> FloatArray:
 
 
 def _pattern(x: FloatArray, q: FloatArray, curves: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
-    """What a corner of contrast 1 looks like at `q` (n, 2, m) pixels from it, (n, m), and its slopes.
+    """Return what a corner of contrast 1 looks like at `q` (n, 2, m) pixels from it, (n, m), and its slopes.
 
     The expectation of the product of the signs of both distances under the blur. For lines at right angles a product
     of two erf; otherwise the blur moves both distances together, which the series of Mehler takes in to third order.
 
-    Slopes are over the distances of the row line and of the column line, over the log of the optics' blur, and over the two
-    angles; the small terms (of the series and of the bends) are left out of them.
+    Slopes are over the distances of the row line and of the column line, over the log of the optics' blur, and over
+    the two angles; the small terms (of the series and of the bends) are left out of them.
     """
     blur = _blur(x)[:, None]
     c, s = np.cos(x[:, 2:4]), np.sin(x[:, 2:4])
@@ -324,7 +324,7 @@ def _huber(residual: FloatArray, window: FloatArray) -> FloatArray:
 
 def _solve(A: FloatArray, g: FloatArray) -> FloatArray:
     """Solve A x = g, (n, 9, 9) and (n, 9), a little damped; NaN where that has no answer."""
-    bad = ~(np.isfinite(A).all((-1, -2)) & np.isfinite(g).all(-1))
+    bad = np.atleast_1d(~(np.isfinite(A).all((-1, -2)) & np.isfinite(g).all(-1)))
     A = np.where(bad[:, None, None], np.eye(9), A)
     scale = 1 / np.sqrt(np.maximum(np.einsum("nii->ni", A), 1e-12))
     A = A * scale[:, :, None] * scale[:, None, :] + 1e-9 * np.eye(9)
@@ -337,7 +337,7 @@ def _influence(windows: _Windows, fit: _Fit) -> FloatArray:
     slopes = fit.slopes * windows.weight[:, None]
     A = slopes @ fit.slopes.swapaxes(1, 2)
     unit = [_solve(A, np.broadcast_to(np.eye(9)[k], (len(A), 9))) for k in (0, 1)]
-    return np.stack(unit, 1) @ slopes
+    return np.asarray(np.stack(unit, 1) @ slopes)
 
 
 def _sigmas(windows: _Windows, fit: _Fit) -> tuple[FloatArray, FloatArray]:
@@ -374,7 +374,8 @@ def _togetherness(windows: _Windows, fit: _Fit, usable: NDArray[np.bool_], noise
     correlation = residual / np.maximum(pairs, 0.5) * taper[:, None] * taper
     cell = windows.cell[:, None]
     influence = correlated(_influence(windows, fit)).sum(1)
-    return np.sqrt(np.maximum((influence * correlation / correlation[0, 0]).sum((1, 2)) / influence[:, 0, 0], 1))
+    factor2 = (influence * correlation / correlation[0, 0]).sum((1, 2)) / influence[:, 0, 0]
+    return np.asarray(np.sqrt(np.maximum(factor2, 1)))
 
 
 def _usable(

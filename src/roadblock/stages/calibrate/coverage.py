@@ -212,7 +212,7 @@ def _information(poses: FloatArray, board: Board, solution: RigSolution) -> Floa
     weight = [np.full(shape, 1 / sigma**2) for sigma in solution.sigma_px]
     errors = [np.zeros((*shape, 2))] * 2
     view = normal_equations(problem, bundle, errors, weight, np.ones(len(problem.sigma), bool))
-    return np.asarray(view.shared)
+    return np.asarray(view.shared - view.across @ np.linalg.inv(view.poses) @ view.across.swapaxes(1, 2))
 
 
 def _range_variance(information: FloatArray, by_rig: FloatArray) -> float:

@@ -24,6 +24,8 @@ FEWEST = 4
 UNKNOWN_SIGMA_PX = 0.1
 """Of corners refined by OpenCV on a board too small to tell."""
 LEAST_SIGMA_PX = 0.001
+LEAST_TURNS = 2
+"""So many changes from black to white in a row make squares."""
 ROUGHEST = 0.08
 """What is less regular than this share of a square is no board."""
 ROOM_PX = 5.0
@@ -102,11 +104,15 @@ def _find_chessboard(grey: Grey, board: Board) -> FloatArray | None:
 
 
 def _search_harder(grey: Grey, size: tuple[int, int]) -> tuple[bool, FloatArray]:
-    found, corners = cv2.findChessboardCorners(grey, size, flags=cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE)
+    found, corners = cv2.findChessboardCorners(
+        grey, size, flags=cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+    )
     if found:
         return True, _refined(grey, np.asarray(corners, np.float64).reshape(-1, 2), 3)
-    found, corners = cv2.findChessboardCornersSB(grey, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE)
-    return bool(found), corners
+    found, corners = cv2.findChessboardCornersSB(
+        grey, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
+    )
+    return bool(found), np.asarray(corners, np.float64)
 
 
 def charuco_detector(board: Board, legacy: bool) -> "cv2.aruco.CharucoDetector":
@@ -134,8 +140,10 @@ def find_charuco(grey: Grey, board: Board) -> FloatArray | None:
 
 def _sighting(grey: Grey, grid: FloatArray, board: Board, clear: float) -> Sighting | None:
     """Fit the corners near `grid`, and number them."""
-    if board.kind == "chessboard" and not _right_handed(grid):
-        grid = grid[:, ::-1]
+    if board.kind == "chessboard":
+        if _goes_on(grey, grid):
+            return None
+        grid = grid if _right_handed(grid) else grid[:, ::-1]
     fits = fit_corners(grey, grid, clear)
     found = np.isfinite(grid[..., 0]).sum()
     if fits.usable.sum() < max(FEWEST, LEAST_SHARE * found):
@@ -149,6 +157,24 @@ def _sighting(grey: Grey, grid: FloatArray, board: Board, clear: float) -> Sight
     place = order.ravel()[ids]
     blur = float(np.median(fits.blur_px[place]))
     return Sighting(ids, fits.points_px[place], np.maximum(fits.sigma_px[place], LEAST_SIGMA_PX), blur)
+
+
+def _goes_on(grey: Grey, grid: FloatArray) -> bool:
+    """Whether the grid is a part of a larger chessboard: beyond the squares around it, on one side, come squares.
+
+    Which part a picture shows would be anyone's guess, and another one in the next picture.
+    """
+    dark, bright = np.sort(_cell_levels(grey, grid), axis=None)[[0, -1]]
+    for turned in (grid, grid[::-1], grid.swapaxes(0, 1), grid[:, ::-1].swapaxes(0, 1)):
+        line = 2.5 * turned[0] - 1.5 * turned[1]
+        centers = (line[1:] + line[:-1]) / 2
+        inside = ((centers >= 0) & (centers <= np.array(grey.shape[::-1]) - 1)).all(-1)
+        u, v = np.rint(centers[inside]).astype(int).T
+        is_bright = grey[v, u] > (float(dark) + float(bright)) / 2
+        turns = is_bright[1:] != is_bright[:-1]
+        if len(turns) >= LEAST_TURNS and inside.all() and turns.all():
+            return True
+    return False
 
 
 def _right_handed(grid: FloatArray) -> bool:
@@ -171,11 +197,16 @@ def _from_first(grey: Grey, grid: FloatArray, order: NDArray[np.intp]) -> NDArra
 
 def _colour(grey: Grey, grid: FloatArray) -> float:
     """Return > 0 if the square before the first corner (and so that behind it) is white, < 0 if it is black."""
-    centers = (grid[1:, 1:] + grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:]) / 4
-    u, v = np.moveaxis(np.rint(centers).astype(int), -1, 0)
-    levels = grey[v, u].astype(np.float64)
+    levels = _cell_levels(grey, grid)
     even = np.indices(levels.shape).sum(0) % 2 == 0
     return float(np.median(levels[even]) - np.median(levels[~even]))
+
+
+def _cell_levels(grey: Grey, grid: FloatArray) -> FloatArray:
+    """Grey levels in the middles of the (rows - 1, columns - 1) squares between the corners."""
+    u, v = np.moveaxis((grid[1:, 1:] + grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:]) / 4, -1, 0)
+    rows, columns = np.clip(np.rint([v, u]), 0, np.array(grey.shape)[:, None, None] - 1).astype(int)
+    return np.asarray(grey[rows, columns], np.float64)
 
 
 def _coarse(grey: Grey, grid: FloatArray) -> CornerFits:

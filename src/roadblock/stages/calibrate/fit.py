@@ -88,16 +88,16 @@ def fit_views(problem: Problem, bundle: Bundle, free: Mask, usable: Mask) -> Fit
     usable
         (views,) which views may be used.
     """
-    used = usable.copy()
-    for left in range(ROUNDS, -1, -1):
+    used, rounds = usable.copy(), 0
+    while True:
         bundle = _refined(problem, bundle, used, free)
         part, errors = problem.of(used), residuals(problem.of(used), _part(bundle, used))
         factors = noise_factors(part, errors, int(free.sum()) + 6 * int(used.sum()))
         ratio, wrong_share = _judge(problem, bundle, factors)
         out = outlier_views(ratio, wrong_share, used, int(usable.sum()))
-        if not out.any() or not left:
+        if not out.any() or rounds == ROUNDS:
             break
-        used &= ~out
+        used, rounds = used & ~out, rounds + 1
     rest = ~used & ~np.isnan(bundle.T_left_board[:, 0, 0])
     if rest.any():
         bundle = _refined(problem, bundle, rest, np.zeros_like(free), factors)

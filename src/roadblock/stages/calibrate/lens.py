@@ -39,8 +39,8 @@ MOST_LOST = 0.01
 OVERRULED = 1.2
 """If all lenses that are not refused predict so much worse (mean square), a refused one is still the better one."""
 
-NEGLIGIBLE = 0.01
-"""Differences of the mean square by less than this share are none."""
+NEGLIGIBLE = 0.02
+"""Differences of the mean square by less than this share, 1 % of the residuals' length, are none."""
 
 JUDGED_AT_M = 20.0
 

@@ -1,7 +1,5 @@
 """Calibrate: where to start. A camera from nothing but sightings, a board's pose from one sighting."""
 
-from itertools import product
-
 import cv2
 import numpy as np
 
@@ -21,7 +19,7 @@ LENSES: dict[str, tuple[Lens, int]] = {
 """Lens models by name, the simplest first: model and number of coefficients."""
 
 FEWEST_POINTS = 6
-FOCALS = tuple(0.25 * 1.25**i for i in range(16))
+FOCALS = tuple(0.25 * 1.33**i for i in range(12))
 """Focal lengths to try, over the image's longer side."""
 
 BENDS = (0.0, -0.1, -0.2)
@@ -37,7 +35,7 @@ BEND_SIGMA: dict[str, tuple[tuple[int, float], ...]] = {
 """How large a lens's coefficients can be expected to be: the power of the radius each goes with, and one sigma of how
 far it alone moves the image's corner, over the corner's distance from the middle."""
 
-VIEWS_TO_TRY = 10
+VIEWS_TO_TRY = 7
 
 
 def board_poses(points_m: FloatArray, rays: FloatArray) -> list[FloatArray]:
@@ -90,14 +88,14 @@ def _trials(size_px: tuple[int, int], lens: str) -> list[Camera]:
     width, height = size_px
     model, count = LENSES[lens]
     trials = []
-    for focal, bend in product(FOCALS, BENDS):
+    for focal in FOCALS:
         f = focal * max(size_px)
-        k = np.zeros(count)
+        reach = np.hypot(width, height) / 2 / f
         if model == "brown_conrady":
-            k[0] = bend * f * f / ((width / 2) ** 2 + (height / 2) ** 2)
-        elif bend == BENDS[1]:
-            k[:] = PINHOLE_AS_KANNALA_BRANDT
-        trials.append(Camera(size_px, f, f, (width - 1) / 2, (height - 1) / 2, model, k))
+            lenses = [(bend / reach**2, *np.zeros(count - 1)) for bend in BENDS]
+        else:
+            lenses = [(0.0, 0.0, 0.0, 0.0), PINHOLE_AS_KANNALA_BRANDT]
+        trials += [Camera(size_px, f, f, (width - 1) / 2, (height - 1) / 2, model, np.array(k)) for k in lenses]
     return trials
 
 

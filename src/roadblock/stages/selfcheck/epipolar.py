@@ -99,8 +99,6 @@ def fit_turn(points: FloatArray, dv_px: FloatArray, rectification: Rectification
     `f * yaw` looks the same. All NaN where features cover too little of the image.
     """
     cells = cell_of(points, rectification)
-    if False:
-        return UNKNOWN
     A = rectification.f_px * turn_slopes(normalized(points, rectification))[1]
     turn: FloatArray = np.zeros(3)
     weight = ratio = residual = dv_px - np.median(dv_px)

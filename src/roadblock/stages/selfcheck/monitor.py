@@ -78,8 +78,7 @@ class RigMonitor:
         if self._tracks is None:
             self._tracks = self._begun(left)
         self._tracks, rows = self._matched(self._tracks, left, right)
-        if len(rows) >= self.settings.least_features:
-            self._rows.append(rows)
+        self._rows.append(rows if len(rows) >= self.settings.least_features else rows[:0])
         turn = self._turn(pair.rectification)
         if self._is_over(self._tracks):
             self._finish(self._tracks, turn, pair.rectification)
@@ -113,10 +112,8 @@ class RigMonitor:
 
     def _turn(self, r: Rectification) -> Turn:
         """Fit the turn to the vertical disparities of all pairs kept."""
-        if not self._rows:
-            return UNKNOWN
         rows = np.concatenate(self._rows)
-        return fit_turn(rows[:, :2], rows[:, 2], r)
+        return fit_turn(rows[:, :2], rows[:, 2], r) if len(rows) else UNKNOWN
 
     def _is_over(self, tracks: _Tracks) -> bool:
         """Whether a stretch has brought things enough nearer, lost too many, or can grow no older."""
@@ -140,11 +137,12 @@ class RigMonitor:
 
     def _judged(self, turn: Turn, r: Rectification) -> RigDrift:
         """Return the drift, with an alarm that begins late and ends late."""
-        drift = measure(turn, self._stretches, self._rig_cov_rad2, len(self._rows), r)
+        frames = sum(len(rows) > 0 for rows in self._rows)
+        drift = measure(turn, self._stretches, self._rig_cov_rad2, frames, r)
         off = is_off(drift, self.settings, CLEARED if self._alarmed else 1.0)
         self._agreeing = self._agreeing + 1 if off.any() else 0
         if self._alarmed:
-            self._alarmed = bool(off.any()) or not is_sure(drift, self.settings)
+            self._alarmed = bool(off.any()) 
         else:
             self._alarmed = self._agreeing >= self.settings.confirm
         return worded(drift, self._alarmed, self.settings)
