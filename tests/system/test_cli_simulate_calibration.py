@@ -47,7 +47,7 @@ def test_a_set_holds_pictures_the_true_rig_and_the_poses(tmp_path, rig):
     result = run("--rig", rig, "--out", out, "--square", "20mm", *QUICK)
     assert result.exit_code == 0, result.output
     assert sorted(contents(out)) == [
-        "left/00.png", "left/01.png", "right/00.png", "right/01.png", "rig.yaml", "truth.json",
+        "left/00.png", "left/01.png", "rig.yaml", "right/00.png", "right/01.png", "truth.json",
     ]  # fmt: skip
     assert f"roadblock calibrate {out}/left {out}/right --board chessboard:4x3 --square 20mm" in result.output
     assert read_rig(out / "rig.yaml").left.fx_px == 83.0

@@ -307,8 +307,9 @@ def summary(result: Calibration, record: dict[str, Any]) -> list[tuple[str, str]
     ]
     for z_m, field_m in result.range_sigma_m.items():
         known_m = field_m[np.isfinite(field_m)]
-        spread = (
-            f" (median {in_metres(np.median(known_m))}, at worst {in_metres(known_m.max())})" if known_m.size else ""
-        )
-        rows.append((f"range error at {z_m:g} m", f"± {in_metres(result.range_rms_m[z_m])}{spread}"))
+        if not known_m.size:
+            rows.append((f"range error at {z_m:g} m", "unknown"))
+            continue
+        median, worst, rms = map(in_metres, (np.median(known_m), known_m.max(), result.range_rms_m[z_m]))
+        rows.append((f"range error at {z_m:g} m", f"± {median} (median over the image; at worst {worst}, RMS {rms})"))
     return rows

@@ -50,15 +50,20 @@ def in_metres(length_m: float) -> str:
 
 
 def range_sentence(calibration: Calibration) -> str:
-    """Return how far off ranges will be, in one sentence."""
-    known = {z_m: sigma_m for z_m, sigma_m in calibration.range_rms_m.items() if math.isfinite(sigma_m)}
-    if not known:
+    """Return how far off ranges will be, in one sentence: the median over the image, since corners can be far worse."""
+    medians_m = {z_m: _median(field) for z_m, field in calibration.range_sigma_m.items()}
+    parts = [f"{in_metres(sigma_m)} at {z_m:g} m" for z_m, sigma_m in medians_m.items() if math.isfinite(sigma_m)]
+    if not parts:
         return "How far off ranges will be cannot be told."
-    parts = [f"{in_metres(sigma_m)} at {z_m:g} m" for z_m, sigma_m in known.items()]
     return (
-        f"Because of this calibration alone, ranges will be off by about {', '.join(parts)} (one standard deviation, "
-        "root mean square over the image)."
+        f"Because of this calibration alone, ranges will typically be off by {', '.join(parts)} (one standard "
+        "deviation, median over the image)."
     )
+
+
+def _median(field: FloatArray) -> float:
+    known = field[np.isfinite(field)]
+    return float(np.median(known)) if known.size else math.nan
 
 
 def scale_sentence(calibration: Calibration) -> str:
@@ -187,19 +192,18 @@ def _listed(sentences: Sequence[str]) -> str:
 
 def _ranges_table(c: Calibration) -> str:
     rows = "".join(
-        f"<tr><td>{z_m:g} m</td><td>{in_metres(sigma_m)}</td>{_spread(c.range_sigma_m[z_m])}</tr>"
+        f"<tr><td>{z_m:g} m</td>{_spread(c.range_sigma_m[z_m])}<td>{in_metres(sigma_m)}</td></tr>"
         for z_m, sigma_m in c.range_rms_m.items()
     )
     return (
-        '<div class="scroll"><table><thead><tr><th>range</th><th>off by (RMS)</th><th>median</th><th>at worst</th></tr>'
+        '<div class="scroll"><table><thead><tr><th>range</th><th>off by (median)</th><th>at worst</th><th>RMS</th></tr>'
         f"</thead><tbody>{rows}</tbody></table></div>"
     )
 
 
 def _spread(field: FloatArray) -> str:
-    known = field[np.isfinite(field)]
-    figures = (float(np.median(known)), float(known.max())) if known.size else (math.nan, math.nan)
-    return "".join(f"<td>{in_metres(figure)}</td>" for figure in figures)
+    worst_m = float(np.nanmax(field)) if np.isfinite(field).any() else math.nan
+    return f"<td>{in_metres(_median(field))}</td><td>{in_metres(worst_m)}</td>"
 
 
 def _next_view(c: Calibration) -> str:

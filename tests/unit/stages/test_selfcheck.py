@@ -517,7 +517,7 @@ def test_an_alarm_outlives_the_dark(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_dark_is_not_ok(monkeypatch: pytest.MonkeyPatch) -> None:
     watch = RigMonitor(crooked_rig(), SelfcheckSettings(frames=8))
     assert drive(monkeypatch, world((0, 0, 0), 0), 20, watch)[-1].state == "ok"
-    assert drive(monkeypatch, world((0, 0, 0), 0, share=0.2), 9, watch, 20)[-1].state == "unknown"
+    assert drive(monkeypatch, world((0, 0, 0), 0, share=0.2), 20, watch, 20)[-1].state == "unknown"
 
 
 def test_few_features_are_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -565,6 +565,13 @@ def test_what_grows_fast_is_left_out(monkeypatch: pytest.MonkeyPatch, growth: fl
     scene = scene._replace(points=scene.points / scene.points[:, 2:] * depth)
     drive(monkeypatch, scene, 3, RigMonitor(crooked_rig(), SelfcheckSettings(growth=growth, closing=0.05)))
     assert bool(used) is counts
+
+
+@pytest.mark.parametrize(("kept_share", "ends"), [(0.9, True), (0.01, False)])
+def test_a_stretch_ends_where_too_few_are_left(monkeypatch: pytest.MonkeyPatch, kept_share: float, ends: bool) -> None:
+    settings = SelfcheckSettings(closing=1.9, kept_share=kept_share)
+    drifts = drive(monkeypatch, world((0, 0, 0), 0), 12, RigMonitor(crooked_rig(), settings))
+    assert (drifts[-1].motions > 0) is ends
 
 
 def test_another_rectification_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -142,7 +142,7 @@ class RigMonitor:
         off = is_off(drift, self.settings, CLEARED if self._alarmed else 1.0)
         self._agreeing = self._agreeing + 1 if off.any() else 0
         if self._alarmed:
-            self._alarmed = bool(off.any()) 
+            self._alarmed = bool(off.any()) or not is_sure(drift, self.settings)
         else:
             self._alarmed = self._agreeing >= self.settings.confirm
         return worded(drift, self._alarmed, self.settings)
