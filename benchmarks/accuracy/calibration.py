@@ -38,6 +38,7 @@ from roadblock.sim.boards import SENSOR, board_truth, built_rig, calibration_pos
 from roadblock.stages.calibrate.bundle import solve_camera, solve_rig
 from roadblock.stages.calibrate.calibrate import CalibrateSettings, calibrate
 from roadblock.stages.calibrate.detect import find_board
+from roadblock.stages.calibrate.turned import pair_up
 from roadblock.values.board import Board, BoardView, Sighting
 from roadblock.values.calibration import RANGES_M, Calibration
 from roadblock.values.camera import Camera, StereoRig
@@ -52,6 +53,7 @@ BARS_MM = {5.0: 0.5, 10.0: 1.5, 20.0: 5.0, 40.0: 20.0}
 HALF_WINDOW_PX = 5
 STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-4)
 NOISE_PX = 0.05
+LENS = "brown_conrady5"
 
 REAL = {
     "bumblebee2": (Board("chessboard", 6, 4, 0.030), "chessboard:6x4", "30mm", "120.04 mm +- 0.5 %"),
@@ -355,7 +357,9 @@ def real_views(folder: Path, board: Board) -> tuple[list[BoardView], tuple[int, 
     for shot in images:
         seen = [None if image is None else find_board(image, board) for image in (shot.left, shot.right)]
         views.append(BoardView(shot.name, *seen))
-    return views, images.size_px
+    alone = [solve_camera([getattr(v, side) for v in views], board, images.size_px, LENS) for side in ("left", "right")]
+    # OpenCV cannot tell boards that look alike turned: it gets them numbered from one end.
+    return list(pair_up(views, alone[0].T_camera_board, alone[1].T_camera_board, board).views), images.size_px
 
 
 def ours_of(views: Sequence[BoardView], board: Board, size_px: tuple[int, int], lens: str) -> StereoRig:
@@ -366,7 +370,10 @@ def ours_of(views: Sequence[BoardView], board: Board, size_px: tuple[int, int], 
 def spread(
     views: Sequence[BoardView], rig: StereoRig, solve: Callable[[Sequence[BoardView]], StereoRig]
 ) -> tuple[dict[float, float], int]:
-    """Return the standard deviation of the ranges of fixed pixels over half-draws of the views, and failed draws."""
+    """Return how far ranges of fixed pixels scatter over half-draws of the views, and failed draws.
+
+    The median over the image of `Z^2 std(1 / Z)`: a range that runs to infinity in one corner must not be all of it.
+    """
     far = {z: far_points(rig, z, 5, 7) for z in RANGES_M}
     ranges: dict[float, list[Floats]] = {z: [] for z in RANGES_M}
     failed = 0
@@ -381,7 +388,8 @@ def spread(
             continue
         for z in RANGES_M:
             ranges[z].append(triangulated(found, far[z])[:, 2])
-    return {z: rms(np.std(r, axis=0, ddof=1)) if len(r) > 1 else float("nan") for z, r in ranges.items()}, failed
+    scatter = {z: z * z * np.std(1 / np.array(r), axis=0, ddof=1) for z, r in ranges.items() if len(r) > 1}
+    return {z: float(np.nanmedian(scatter[z])) if z in scatter else float("nan") for z in RANGES_M}, failed
 
 
 def judge_real(data: Path) -> list[Row]:
