@@ -5,7 +5,7 @@ import numpy as np
 
 from roadblock.geometry.pose import pose, rotation_from_rotvec, rotvec_from_rotation, transform
 from roadblock.geometry.projection import project, unproject
-from roadblock.stages.calibrate.adjust import Corners, Problem
+from roadblock.stages.calibrate.adjust import Bundle, Corners, Problem, adjust
 from roadblock.stages.calibrate.shape import shape_of
 from roadblock.values.board import Board
 from roadblock.values.camera import Camera, Lens
@@ -36,6 +36,8 @@ BEND_SIGMA: dict[str, tuple[tuple[int, float], ...]] = {
 far it alone moves the image's corner, over the corner's distance from the middle."""
 
 VIEWS_TO_TRY = 7
+STARTS = 3
+START_STEPS = 30
 
 
 def board_poses(points_m: FloatArray, rays: FloatArray) -> list[FloatArray]:
@@ -78,10 +80,30 @@ def is_line(points_m: FloatArray) -> bool:
 
 
 def first_camera(corners: Corners, board: Board, size_px: tuple[int, int], lens: str) -> Camera:
-    """Return the camera of a coarse grid of focal lengths and bends that fits the sightings best."""
-    most = np.argsort(-corners.seen.sum(1), kind="stable")[:VIEWS_TO_TRY]
-    points = corners.points_px[most]
-    return min(_trials(size_px, lens), key=lambda camera: _misfit(camera, board.points_m, points))
+    """Return a camera to start from: the best of a coarse grid of focal lengths and bends, refined.
+
+    A strong lens may draw one start into a wrong valley, so the best ones of several focal lengths are refined.
+    """
+    some = corners.of(np.argsort(-corners.seen.sum(1), kind="stable")[:VIEWS_TO_TRY])
+    trials = _trials(size_px, lens)
+    misfits = [_misfit(camera, board.points_m, some.points_px) for camera in trials]
+    best: dict[float, Camera] = {}
+    for which in np.argsort(misfits, kind="stable"):
+        best.setdefault(trials[which].fx_px, trials[which])
+    refined = [_refined(camera, board, some) for camera in list(best.values())[:STARTS]]
+    return min(refined, key=lambda camera: _misfit(camera, board.points_m, some.points_px))
+
+
+def _refined(camera: Camera, board: Board, corners: Corners) -> Camera:
+    """Return the camera adjusted to the views that it finds a pose for; as it is if there are none."""
+    problem = knowledge((camera,), board, (corners,))
+    found = [board_poses(board.points_m, rays) for rays in unproject(camera, corners.points_px)]
+    posed = np.array([bool(poses) for poses in found])
+    if not posed.any():
+        return camera
+    T = np.stack([poses[0] for poses in found if poses])
+    bundle = Bundle((camera,), np.eye(4), T, np.zeros(len(problem.shape.sigma_m)))
+    return adjust(problem.of(posed), bundle, np.isfinite(problem.sigma), steps=START_STEPS).cameras[0]
 
 
 def _trials(size_px: tuple[int, int], lens: str) -> list[Camera]:
