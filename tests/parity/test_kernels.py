@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from roadblock.kernels import compiled, reference
-from roadblock.kernels.reference import CENSUS_HALF, COSTS
+from roadblock.kernels.compiled import region as compiled
+from roadblock.kernels.reference import region as reference
+from roadblock.kernels.reference.region import CENSUS_HALF, COSTS
 
 SHAPES = [(13, 31), (1, 1), (2, 9), (9, 3), (4, 40)]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from roadblock.kernels.reference import COSTS
+from roadblock.kernels.reference.region import COSTS
 from roadblock.stages.match import MatchSettings, match
 from roadblock.stages.match.region import drop_islands, match_region
 from roadblock.values.camera import Rectification

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.kernels import compiled
-from roadblock.kernels.reference import CENSUS, CENSUS_HALF, COSTS
+from roadblock.kernels.compiled import region as compiled
+from roadblock.kernels.reference.region import CENSUS, CENSUS_HALF, COSTS
 from roadblock.stages.match.settings import Gray, MatchSettings
 
 SMALLEST_BLOCK_PX = 5

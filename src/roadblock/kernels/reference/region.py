@@ -1,4 +1,4 @@
-"""The kernels as plain numpy: slow, short, and what `compiled` must reproduce to the bit.
+"""Region matching as plain numpy: slow, short, and what `compiled.region` must reproduce to the bit.
 
 Region matching (the paper's section 2.2) slides a window of the left image along the same row of the right one. Both
 images come padded, so that no loop needs a border case: with `half` = (window - 1) / 2 and `n` disparities,

@@ -1,4 +1,4 @@
-"""The kernels of `reference`, compiled: same names, same arguments, same bits.
+"""The kernels of `reference.region`, compiled: same names, same arguments, same bits.
 
 Costs of whole windows come from running sums, so their price does not depend on the window's size: each step adds the
 row (or column) that enters and takes away the one that leaves. Sums are integers, hence exact in any order.
@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.kernels.reference import CENSUS, CENSUS_HALF, NCC, SAD, SSD, TIE, ZNCC, Codes, Costs
+from roadblock.kernels.reference.region import CENSUS, CENSUS_HALF, NCC, SAD, SSD, TIE, ZNCC, Codes, Costs
 
 Sums = NDArray[np.int64]
 

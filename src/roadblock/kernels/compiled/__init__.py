@@ -1,0 +1,1 @@
+"""The kernels compiled: the names, arguments and bits of `reference`."""

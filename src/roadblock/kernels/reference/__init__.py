@@ -1,0 +1,1 @@
+"""The kernels as plain numpy: what they compute, slowly and readably."""

@@ -1,0 +1,214 @@
+"""Semi-global matching on a grid of cells as plain numpy: what `compiled.cells` must reproduce to the bit.
+
+All images have half the resolution of the rectified ones. A cell is 2 rows by 2 or 4 columns of half-resolution pixels,
+that is 4 x 4 or 8 x 4 pixels (width x height). A lane is one disparity of a cell: lane k is k half-resolution pixels,
+hence 2 k pixels. Costs are bytes, and every sum of bytes stops at 255.
+
+Kernels write into arrays that the caller owns, so that nothing of the image's size is allocated per frame.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Bytes = NDArray[np.uint8]
+Floats = NDArray[np.float32]
+
+RING = ((-2, -2), (-2, 0), (-2, 2), (0, -2), (0, 2), (2, -2), (2, 0), (2, 2))
+"""Rows and columns of the 8 samples that census compares with the middle; bit i belongs to sample i."""
+BORDER = 2
+"""Census codes this near to the image's border are 0."""
+CELL_ROWS = 2
+"""Half-resolution rows of a cell."""
+OUTSIDE = 3
+"""Cost per pixel where the right image ends: less than random codes cost, more than a match."""
+TOP = 255
+
+
+def encode(image: Bytes, codes: Bytes) -> None:
+    """Write for each pixel which of its 8 ring samples are darker, as bits.
+
+    Parameters
+    ----------
+    image
+        (rows, columns) grey levels.
+    codes
+        (rows, columns), written; 0 along the border.
+    """
+    rows, columns = image.shape
+    codes[:] = 0
+    if min(rows, columns) <= 2 * BORDER:
+        return
+    inner = (slice(BORDER, rows - BORDER), slice(BORDER, columns - BORDER))
+    for bit, (i, j) in enumerate(RING):
+        sample = image[BORDER + i : rows - BORDER + i, BORDER + j : columns - BORDER + j]
+        codes[inner] |= (sample < image[inner]).astype(np.uint8) << np.uint8(bit)
+
+
+def encode_turned(image: Bytes, codes: Bytes) -> None:
+    """Write the codes of `encode` with columns reversed: pixel u is at columns - 1 - u, and 0 beyond the last one.
+
+    Parameters
+    ----------
+    image
+        (rows, columns) grey levels.
+    codes
+        (rows, columns + lanes), written.
+    """
+    columns = image.shape[1]
+    plain = np.empty_like(image)
+    encode(image, plain)
+    codes[:, :columns] = plain[:, ::-1]
+    codes[:, columns:] = 0
+
+
+def cost_cells(left: Bytes, turned: Bytes, cell_columns: int, costs: Bytes) -> None:
+    """Write how many census bits differ between each cell and its partner in the right image, for each disparity.
+
+    Parameters
+    ----------
+    left
+        (rows, columns) codes of `encode`.
+    turned
+        (rows, columns + lanes) codes of `encode_turned`.
+    cell_columns
+        Half-resolution columns of a cell, 2 or 4.
+    costs
+        (cell rows, cell columns, lanes), written. A pixel whose partner is outside the right image costs `OUTSIDE`.
+    """
+    rows, columns, lanes = costs.shape
+    height, width = rows * CELL_ROWS, columns * cell_columns
+    for k in range(lanes):
+        first = left.shape[1] - 1 + k
+        partners = turned[:height, first - np.arange(width)]
+        bits = np.bitwise_count(left[:height, :width] ^ partners)
+        bits[:, :k] = OUTSIDE
+        costs[:, :, k] = bits.reshape(rows, CELL_ROWS, columns, cell_columns).sum((1, 3))
+
+
+def sum_paths(costs: Bytes, p1: int, p2: int, sums: Bytes) -> None:
+    """Write the sum of the costs along four paths (left, right, up, down), each bent as little as pays.
+
+    Hirschmueller's equation 13: along a path, a cell's cost is its own plus the least of the previous cell's at the same
+    lane, at a neighbouring lane plus p1, and at any lane plus p2, less the previous cell's least.
+
+    Parameters
+    ----------
+    costs
+        (cell rows, cell columns, lanes).
+    p1, p2
+        Price of a change by one lane, and by more.
+    sums
+        (cell rows, cell columns, lanes), written.
+    """
+    total = np.zeros(costs.shape, np.int64)
+    for axis in (0, 1):
+        along = np.moveaxis(costs, axis, 0)
+        into = np.moveaxis(total, axis, 0)
+        for step in (1, -1):
+            path = along[::step][0].astype(np.int64)
+            into[::step][0] += path
+            for i in range(1, len(along)):
+                path = np.minimum(along[::step][i] + _cheapest(path, p1, p2), TOP)
+                into[::step][i] += path
+    sums[:] = np.minimum(total, TOP)
+
+
+def _cheapest(path: NDArray[np.int64], p1: int, p2: int) -> NDArray[np.int64]:
+    least = path.min(-1, keepdims=True)
+    beside = np.pad(path, ((0, 0), (1, 1)), constant_values=TOP)
+    ways = [path, beside[:, :-2] + p1, beside[:, 2:] + p1, np.broadcast_to(least + p2, path.shape)]
+    return np.asarray(np.minimum.reduce(ways) - least)
+
+
+def choose(sums: Bytes, cell_columns: int, tolerance: int, d_px: Floats, margin: Bytes) -> None:
+    """Write each cell's disparity, and by how much it beats every lane that is not its neighbour.
+
+    Parameters
+    ----------
+    sums
+        (cell rows, cell columns, lanes) of `sum_paths`.
+    cell_columns
+        Half-resolution columns of a cell, 2 or 4.
+    tolerance
+        A cell is confirmed if no cell matches its partner in the right image better by more than this.
+    d_px
+        (cell rows, cell columns), written: disparity in full-resolution pixels, NaN where the best lane is the first or
+        last, reaches out of the right image, or is not confirmed.
+    margin
+        (cell rows, cell columns), written: second best (at least 2 lanes away) less best.
+    """
+    rows, columns, lanes = sums.shape
+    at_right = np.full((rows, columns * cell_columns + lanes), TOP, np.uint8)
+    for c in range(columns):
+        seen = at_right[:, c * cell_columns : c * cell_columns + lanes]
+        np.minimum(seen, sums[:, c, ::-1], out=seen)
+    best = sums.argmin(-1)
+    for r, c in np.ndindex(rows, columns):
+        k, costs = best[r, c], sums[r, c].astype(np.int32)
+        others = np.delete(costs, np.arange(max(k - 1, 0), min(k + 2, lanes)))
+        margin[r, c] = others.min(initial=TOP) - costs[k]
+        d_px[r, c] = np.nan
+        confirmed = costs[k] <= at_right[r, c * cell_columns + lanes - 1 - k] + tolerance
+        if 0 < k < lanes - 1 and k <= c * cell_columns and confirmed:
+            d_px[r, c] = 2 * (k + refine(costs[k - 1], costs[k], costs[k + 1]))
+
+
+def refine(before: int, least: int, after: int) -> np.float32:
+    """Return where the minimum lies between lanes (-0.5 .. 0.5), by two lines of opposite slope."""
+    steep = max(before - least, after - least)
+    return np.float32(before - after) / np.float32(2 * steep) if steep > 0 else np.float32(0)
+
+
+def measure_texture(image: Bytes, cell_columns: int, texture: Bytes) -> None:
+    """Write four times the mean step |I(u + 1) - I(u - 1)| in each cell, in grey levels, at most 255.
+
+    Parameters
+    ----------
+    image
+        (rows, columns) grey levels. Steps at the first and last column are 0.
+    cell_columns
+        Half-resolution columns of a cell, 2 or 4.
+    texture
+        (cell rows, cell columns), written.
+    """
+    rows, columns = texture.shape
+    steps = np.zeros(image.shape, np.int32)
+    steps[:, 1:-1] = np.abs(image[:, 2:].astype(np.int32) - image[:, :-2])
+    steps = steps[: rows * CELL_ROWS, : columns * cell_columns]
+    total = steps.reshape(rows, CELL_ROWS, columns, cell_columns).sum((1, 3))
+    texture[:] = np.minimum(4 * total // (CELL_ROWS * cell_columns), TOP)
+
+
+def drop_speckles(d_px: Floats, step_px: float, cells: int, labels: NDArray[np.int32]) -> None:
+    """Set islands of fewer than `cells` cells to NaN.
+
+    Parameters
+    ----------
+    d_px
+        (cell rows, cell columns) disparities, changed in place.
+    step_px
+        Neighbours (above, below, left, right) belong together up to this difference.
+    cells
+        Smallest island that stays.
+    labels
+        (2, cell rows * cell columns), scratch.
+    """
+    parents, sizes = labels
+    rows, columns = d_px.shape
+    parents[:], sizes[:] = np.arange(rows * columns), 1
+    for r, c in np.ndindex(rows, columns):
+        for other in ((r, c - 1), (r - 1, c)):
+            if min(other) >= 0 and abs(d_px[r, c] - d_px[other]) <= step_px:
+                a, b = sorted((_root(parents, r * columns + c), _root(parents, other[0] * columns + other[1])))
+                if a != b:
+                    parents[b] = a
+                    sizes[a] += sizes[b]
+    for r, c in np.ndindex(rows, columns):
+        if sizes[_root(parents, r * columns + c)] < cells:
+            d_px[r, c] = np.nan
+
+
+def _root(parents: NDArray[np.int32], cell: int) -> int:
+    while parents[cell] != cell:
+        cell = int(parents[cell])
+    return cell

@@ -1,0 +1,94 @@
+"""Match on a grid of cells: two half-resolution grey images in, CellDisparities out. No full-resolution map anywhere."""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from roadblock.kernels.reference import cells as kernels
+from roadblock.stages.match.settings import Gray
+
+
+class CellSettings(BaseModel):
+    """How disparities of cells are found."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    cell_width_px: Literal[4, 8] = Field(4, description="Width of a cell in full-resolution px; the height is 4.")
+    disparities: Literal[64, 128, 256] = Field(128, description="Search range in full-resolution px.")
+    p1: int = Field(3, ge=0, le=127, description="Price of a change of disparity by 2 px from cell to cell.")
+    p2: int = Field(14, ge=0, le=127, description="Price of a larger change.")
+    tolerance: int = Field(0, ge=0, le=255, description="The right view may prefer another cell by this much.")
+    margin: int = Field(0, ge=0, le=255, description="Cells whose winner beats the second best by less are unknown.")
+    speckle_px2: int = Field(200, ge=0, description="Islands of less area, in full-resolution px, are dropped.")
+    speckle_step_px: float = Field(4.0, ge=0, description="A larger step of disparity ends an island.")
+
+
+class CellDisparities(NamedTuple):
+    """What the matcher knows of each cell. The arrays belong to the matcher, and live until its next call.
+
+    Cell (r, c) covers rows ``r * cell_height_px`` and columns ``c * cell_width_px`` onwards of the rectified image.
+    """
+
+    d_px: NDArray[np.float32]
+    """(rows, columns) disparity in full-resolution pixels; NaN unknown."""
+    margin: NDArray[np.uint8]
+    """(rows, columns) second-best less best summed cost; the second best is at least 4 px away."""
+    texture: NDArray[np.uint8]
+    """(rows, columns) four times the mean horizontal step, in grey levels of the half-resolution left image."""
+    cell_width_px: int
+    cell_height_px: int
+
+
+class CellMatcher:
+    """Semi-global matching on cells, with every buffer kept from call to call.
+
+    Parameters
+    ----------
+    settings
+        See `CellSettings`.
+    """
+
+    def __init__(self, settings: CellSettings) -> None:
+        self.settings = settings
+        self._shape = (0, 0)
+
+    def __call__(self, left: Gray, right: Gray) -> CellDisparities:
+        """Match a pair.
+
+        Parameters
+        ----------
+        left, right
+            (rows, columns) rectified grey images at half resolution.
+
+        Returns
+        -------
+        (rows // 2, columns // 2 or 4) cells; rows and columns left over are not matched.
+        """
+        settings, cell_columns = self.settings, self.settings.cell_width_px // 2
+        if left.shape != self._shape:
+            self._allocate(*left.shape)
+        kernels.encode(left, self._left)
+        kernels.encode_turned(right, self._right)
+        kernels.cost_cells(self._left, self._right, cell_columns, self._costs)
+        kernels.sum_paths(self._costs, settings.p1, settings.p2, self._sums)
+        kernels.choose(self._sums, cell_columns, settings.tolerance, self._d_px, self._margin)
+        kernels.measure_texture(left, cell_columns, self._texture)
+        self._d_px[self._margin < settings.margin] = np.nan
+        smallest = -(-settings.speckle_px2 // (settings.cell_width_px * 4))
+        kernels.drop_speckles(self._d_px, settings.speckle_step_px, smallest, self._labels)
+        return CellDisparities(self._d_px, self._margin, self._texture, settings.cell_width_px, 4)
+
+    def _allocate(self, height: int, width: int) -> None:
+        lanes = self.settings.disparities // 2
+        rows, columns = height // kernels.CELL_ROWS, width // (self.settings.cell_width_px // 2)
+        self._left = np.empty((height, width), np.uint8)
+        self._right = np.empty((height, width + lanes), np.uint8)
+        self._costs = np.empty((rows, columns, lanes), np.uint8)
+        self._sums = np.empty_like(self._costs)
+        self._d_px = np.empty((rows, columns), np.float32)
+        self._margin = np.empty((rows, columns), np.uint8)
+        self._texture = np.empty_like(self._margin)
+        self._labels = np.empty((2, rows * columns), np.int32)
+        self._shape = (height, width)
