@@ -25,7 +25,7 @@ TOP = 255
 
 
 def encode(image: Bytes, codes: Bytes) -> None:
-    """Write for each pixel which of its 8 ring samples are darker, as bits.
+    """Write for each pixel which of its 8 ring samples are not darker, as bits.
 
     Parameters
     ----------
@@ -41,22 +41,20 @@ def encode(image: Bytes, codes: Bytes) -> None:
     inner = (slice(BORDER, rows - BORDER), slice(BORDER, columns - BORDER))
     for bit, (i, j) in enumerate(RING):
         sample = image[BORDER + i : rows - BORDER + i, BORDER + j : columns - BORDER + j]
-        codes[inner] |= (sample < image[inner]).astype(np.uint8) << np.uint8(bit)
+        codes[inner] |= (sample >= image[inner]).astype(np.uint8) << np.uint8(bit)
 
 
-def encode_turned(image: Bytes, codes: Bytes) -> None:
-    """Write the codes of `encode` with columns reversed: pixel u is at columns - 1 - u, and 0 beyond the last one.
+def turn(plain: Bytes, codes: Bytes) -> None:
+    """Write codes with columns reversed, so that a pixel's partners at rising disparity lie one after the other.
 
     Parameters
     ----------
-    image
-        (rows, columns) grey levels.
+    plain
+        (rows, columns) codes of `encode`.
     codes
-        (rows, columns + lanes), written.
+        (rows, columns + lanes), written: pixel u is at columns - 1 - u, and 0 beyond the last one.
     """
-    columns = image.shape[1]
-    plain = np.empty_like(image)
-    encode(image, plain)
+    columns = plain.shape[1]
     codes[:, :columns] = plain[:, ::-1]
     codes[:, columns:] = 0
 
@@ -69,7 +67,7 @@ def cost_cells(left: Bytes, turned: Bytes, cell_columns: int, costs: Bytes) -> N
     left
         (rows, columns) codes of `encode`.
     turned
-        (rows, columns + lanes) codes of `encode_turned`.
+        (rows, columns + lanes) codes of `turn`.
     cell_columns
         Half-resolution columns of a cell, 2 or 4.
     costs
@@ -88,8 +86,8 @@ def cost_cells(left: Bytes, turned: Bytes, cell_columns: int, costs: Bytes) -> N
 def sum_paths(costs: Bytes, p1: int, p2: int, sums: Bytes) -> None:
     """Write the sum of the costs along four paths (left, right, up, down), each bent as little as pays.
 
-    Hirschmueller's equation 13: along a path, a cell's cost is its own plus the least of the previous cell's at the same
-    lane, at a neighbouring lane plus p1, and at any lane plus p2, less the previous cell's least.
+    Hirschmueller's equation 13: along a path, a cell's cost is its own plus the least of the previous cell's at the
+    same lane, at a neighbouring lane plus p1, and at any lane plus p2, less the previous cell's least.
 
     Parameters
     ----------
@@ -148,7 +146,7 @@ def choose(sums: Bytes, cell_columns: int, tolerance: int, d_px: Floats, margin:
         others = np.delete(costs, np.arange(max(k - 1, 0), min(k + 2, lanes)))
         margin[r, c] = others.min(initial=TOP) - costs[k]
         d_px[r, c] = np.nan
-        confirmed = costs[k] <= at_right[r, c * cell_columns + lanes - 1 - k] + tolerance
+        confirmed = costs[k] - tolerance <= at_right[r, c * cell_columns + lanes - 1 - k]
         if 0 < k < lanes - 1 and k <= c * cell_columns and confirmed:
             d_px[r, c] = 2 * (k + refine(costs[k - 1], costs[k], costs[k + 1]))
 
@@ -173,7 +171,8 @@ def measure_texture(image: Bytes, cell_columns: int, texture: Bytes) -> None:
     """
     rows, columns = texture.shape
     steps = np.zeros(image.shape, np.int32)
-    steps[:, 1:-1] = np.abs(image[:, 2:].astype(np.int32) - image[:, :-2])
+    if image.shape[1] > 2:
+        steps[:, 1:-1] = np.abs(image[:, 2:].astype(np.int32) - image[:, :-2])
     steps = steps[: rows * CELL_ROWS, : columns * cell_columns]
     total = steps.reshape(rows, CELL_ROWS, columns, cell_columns).sum((1, 3))
     texture[:] = np.minimum(4 * total // (CELL_ROWS * cell_columns), TOP)
@@ -198,7 +197,7 @@ def drop_speckles(d_px: Floats, step_px: float, cells: int, labels: NDArray[np.i
     parents[:], sizes[:] = np.arange(rows * columns), 1
     for r, c in np.ndindex(rows, columns):
         for other in ((r, c - 1), (r - 1, c)):
-            if min(other) >= 0 and abs(d_px[r, c] - d_px[other]) <= step_px:
+            if min(other) >= 0 and abs(d_px[r, c] - d_px[other]) <= np.float32(step_px):
                 a, b = sorted((_root(parents, r * columns + c), _root(parents, other[0] * columns + other[1])))
                 if a != b:
                     parents[b] = a

@@ -1,4 +1,4 @@
-"""Match on a grid of cells: two half-resolution grey images in, CellDisparities out. No full-resolution map anywhere."""
+"""Match on a grid of cells: two half-resolution grey images in, CellDisparities out. No map of full size anywhere."""
 
 from typing import Literal, NamedTuple
 
@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from roadblock.kernels.reference import cells as kernels
+from roadblock.kernels.compiled import cells as kernels
+from roadblock.kernels.reference.cells import CELL_ROWS
 from roadblock.stages.match.settings import Gray
 
 
@@ -70,8 +71,9 @@ class CellMatcher:
         if left.shape != self._shape:
             self._allocate(*left.shape)
         kernels.encode(left, self._left)
-        kernels.encode_turned(right, self._right)
-        kernels.cost_cells(self._left, self._right, cell_columns, self._costs)
+        kernels.encode(right, self._right)
+        kernels.turn(self._right, self._turned)
+        kernels.cost_cells(self._left, self._turned, cell_columns, self._costs)
         kernels.sum_paths(self._costs, settings.p1, settings.p2, self._sums)
         kernels.choose(self._sums, cell_columns, settings.tolerance, self._d_px, self._margin)
         kernels.measure_texture(left, cell_columns, self._texture)
@@ -82,9 +84,10 @@ class CellMatcher:
 
     def _allocate(self, height: int, width: int) -> None:
         lanes = self.settings.disparities // 2
-        rows, columns = height // kernels.CELL_ROWS, width // (self.settings.cell_width_px // 2)
+        rows, columns = height // CELL_ROWS, width // (self.settings.cell_width_px // 2)
         self._left = np.empty((height, width), np.uint8)
-        self._right = np.empty((height, width + lanes), np.uint8)
+        self._right = np.empty_like(self._left)
+        self._turned = np.empty((height, width + lanes), np.uint8)
         self._costs = np.empty((rows, columns, lanes), np.uint8)
         self._sums = np.empty_like(self._costs)
         self._d_px = np.empty((rows, columns), np.float32)

@@ -1,0 +1,298 @@
+"""The kernels of `reference.cells`, compiled: same names, same arguments, same bits; see `simd` for their vectors."""
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from roadblock.kernels import simd
+from roadblock.kernels.reference.cells import BORDER, CELL_ROWS, OUTSIDE, RING, TOP, Bytes, Floats
+
+AT_ONCE = 32
+"""Pixels that one step of the census takes."""
+(Y0, X0), (Y1, X1), (Y2, X2), (Y3, X3), (Y4, X4), (Y5, X5), (Y6, X6), (Y7, X7) = RING
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def sample_bit(image, v, u, middle, bit):  # type: ignore[no-untyped-def]
+    """Return `bit` where the sample is not darker than the middle."""
+    darkest = simd.minimum(simd.load_bytes(image, v, u, middle), middle)
+    return simd.both(simd.equal(darkest, middle), simd.splat(bit, middle))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def encode(image: Bytes, codes: Bytes) -> None:
+    """See `reference.cells.encode`."""
+    rows, columns = image.shape
+    codes[: min(BORDER, rows)] = 0
+    codes[max(rows - BORDER, 0) :] = 0
+    like = simd.zeros(32)
+    for v in range(BORDER, rows - BORDER):
+        codes[v, : min(BORDER, columns)] = 0
+        codes[v, max(columns - BORDER, 0) :] = 0
+        u = BORDER
+        while u + AT_ONCE <= columns - BORDER:
+            m = simd.load_bytes(image, v, u, like)
+            a = simd.either(sample_bit(image, v + Y0, u + X0, m, 1), sample_bit(image, v + Y1, u + X1, m, 2))
+            b = simd.either(sample_bit(image, v + Y2, u + X2, m, 4), sample_bit(image, v + Y3, u + X3, m, 8))
+            c = simd.either(sample_bit(image, v + Y4, u + X4, m, 16), sample_bit(image, v + Y5, u + X5, m, 32))
+            d = simd.either(sample_bit(image, v + Y6, u + X6, m, 64), sample_bit(image, v + Y7, u + X7, m, 128))
+            simd.store(codes, v, u, simd.either(simd.either(a, b), simd.either(c, d)))
+            u += AT_ONCE
+            if u < columns - BORDER < u + AT_ONCE and columns >= AT_ONCE + 2 * BORDER:
+                u = columns - BORDER - AT_ONCE  # the last step overlaps the one before
+        while u < columns - BORDER:
+            code = np.uint8(0)
+            for bit in range(8):
+                if image[v + RING[bit][0], u + RING[bit][1]] >= image[v, u]:
+                    code |= np.uint8(1 << bit)
+            codes[v, u] = code
+            u += 1
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def turn(plain: Bytes, codes: Bytes) -> None:
+    """See `reference.cells.turn`."""
+    rows, columns = plain.shape
+    for v in range(rows):
+        for u in range(columns):
+            codes[v, columns - 1 - u] = plain[v, u]
+        codes[v, columns:] = 0
+
+
+def cost_cells(left: Bytes, turned: Bytes, cell_columns: int, costs: Bytes) -> None:
+    """See `reference.cells.cost_cells`."""
+    _cost_cells(left, turned, cell_columns, simd.in_registers(costs))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def pixel_cost(left, turned, v, u, like):  # type: ignore[no-untyped-def]
+    """Return how many bits differ between a pixel and its partners at all disparities."""
+    partners = simd.load_bytes(turned, v, left.shape[1] - 1 - u, like)
+    return simd.count_bits(simd.differing(simd.splat(left[v, u], like), partners))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def keep(costs, numbers, last, otherwise):  # type: ignore[no-untyped-def]
+    """Return the costs of the lanes up to `last`, and `otherwise` in those beyond."""
+    inside = simd.equal(simd.minimum(numbers, simd.splat(min(last, TOP), costs)), numbers)
+    return simd.select(inside, costs, otherwise)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _cost_cells(left, turned, cell_columns, costs):  # type: ignore[no-untyped-def]
+    rows, columns = costs.shape
+    if rows == 0 or columns == 0:
+        return
+    like = simd.load(costs, 0, 0)
+    lanes, numbers, twice = costs.itemsize, simd.lane_numbers(like), simd.splat(CELL_ROWS * OUTSIDE, like)
+    for r in range(rows):
+        for c in range(columns):
+            total = simd.splat(0, like)
+            for u in range(c * cell_columns, (c + 1) * cell_columns, 2):
+                a = simd.add(pixel_cost(left, turned, 2 * r, u, like), pixel_cost(left, turned, 2 * r + 1, u, like))
+                b = simd.add(
+                    pixel_cost(left, turned, 2 * r, u + 1, like), pixel_cost(left, turned, 2 * r + 1, u + 1, like)
+                )
+                if u < lanes - 1:
+                    a, b = keep(a, numbers, u, twice), keep(b, numbers, u + 1, twice)
+                total = simd.add(total, simd.add(a, b))
+            simd.store(costs, r, c, total)
+
+
+def sum_paths(costs: Bytes, p1: int, p2: int, sums: Bytes) -> None:
+    """See `reference.cells.sum_paths`."""
+    _sum_paths(simd.in_registers(costs), p1, p2, simd.in_registers(sums))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def step(path, cost, p1, p2):  # type: ignore[no-untyped-def]
+    """Return the path's cost at the next cell."""
+    above = simd.subtract(path, simd.splat(simd.least(path), path))
+    beside = simd.minimum(simd.shift_up(above, 1), simd.shift_down(above, 1))
+    return simd.add(cost, simd.minimum(simd.minimum(above, p2), simd.add(beside, p1)))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _sum_paths(costs, price1, price2, sums):  # type: ignore[no-untyped-def]
+    rows, columns = costs.shape
+    if rows == 0 or columns == 0:
+        return
+    p1, p2 = simd.splat(price1, simd.load(costs, 0, 0)), simd.splat(price2, simd.load(costs, 0, 0))
+    # Four rows at once, since one row's steps wait for each other. Rows past the last one do the last one again: all
+    # four are read before any is written, so that does not count it twice.
+    for r in range(0, rows, 4):
+        r1, r2, r3 = min(r + 1, rows - 1), min(r + 2, rows - 1), min(r + 3, rows - 1)
+        x0, x1, x2, x3 = (
+            simd.load(costs, r, 0),
+            simd.load(costs, r1, 0),
+            simd.load(costs, r2, 0),
+            simd.load(costs, r3, 0),
+        )
+        simd.store(sums, r, 0, x0)
+        simd.store(sums, r1, 0, x1)
+        simd.store(sums, r2, 0, x2)
+        simd.store(sums, r3, 0, x3)
+        for c in range(1, columns):
+            x0 = step(x0, simd.load(costs, r, c), p1, p2)
+            x1 = step(x1, simd.load(costs, r1, c), p1, p2)
+            x2 = step(x2, simd.load(costs, r2, c), p1, p2)
+            x3 = step(x3, simd.load(costs, r3, c), p1, p2)
+            simd.store(sums, r, c, x0)
+            simd.store(sums, r1, c, x1)
+            simd.store(sums, r2, c, x2)
+            simd.store(sums, r3, c, x3)
+        c = columns - 1
+        x0, x1, x2, x3 = (
+            simd.load(costs, r, c),
+            simd.load(costs, r1, c),
+            simd.load(costs, r2, c),
+            simd.load(costs, r3, c),
+        )
+        while True:
+            s0, s1, s2, s3 = (
+                simd.load(sums, r, c),
+                simd.load(sums, r1, c),
+                simd.load(sums, r2, c),
+                simd.load(sums, r3, c),
+            )
+            simd.store(sums, r, c, simd.add(s0, x0))
+            simd.store(sums, r1, c, simd.add(s1, x1))
+            simd.store(sums, r2, c, simd.add(s2, x2))
+            simd.store(sums, r3, c, simd.add(s3, x3))
+            c -= 1
+            if c < 0:
+                break
+            x0 = step(x0, simd.load(costs, r, c), p1, p2)
+            x1 = step(x1, simd.load(costs, r1, c), p1, p2)
+            x2 = step(x2, simd.load(costs, r2, c), p1, p2)
+            x3 = step(x3, simd.load(costs, r3, c), p1, p2)
+    paths = np.empty((1, columns), costs.dtype)
+    for c in range(columns):
+        x = simd.load(costs, 0, c)
+        simd.store(paths, 0, c, x)
+        simd.store(sums, 0, c, simd.add(simd.load(sums, 0, c), x))
+    for r in range(1, rows):
+        for c in range(columns):
+            x = step(simd.load(paths, 0, c), simd.load(costs, r, c), p1, p2)
+            simd.store(paths, 0, c, x)
+            simd.store(sums, r, c, simd.add(simd.load(sums, r, c), x))
+    for c in range(columns):
+        x = simd.load(costs, rows - 1, c)
+        simd.store(paths, 0, c, x)
+        simd.store(sums, rows - 1, c, simd.add(simd.load(sums, rows - 1, c), x))
+    for r in range(rows - 2, -1, -1):
+        for c in range(columns):
+            x = step(simd.load(paths, 0, c), simd.load(costs, r, c), p1, p2)
+            simd.store(paths, 0, c, x)
+            simd.store(sums, r, c, simd.add(simd.load(sums, r, c), x))
+
+
+def choose(sums: Bytes, cell_columns: int, tolerance: int, d_px: Floats, margin: Bytes) -> None:
+    """See `reference.cells.choose`."""
+    _choose(sums, simd.in_registers(sums), cell_columns, tolerance, d_px, margin)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _choose(sums, cells, cell_columns, tolerance, d_px, margin):  # type: ignore[no-untyped-def]
+    rows, columns = cells.shape
+    lanes = cells.itemsize
+    if rows == 0 or columns == 0:
+        return
+    like = simd.load(cells, 0, 0)
+    numbers, worst, two = simd.lane_numbers(like), simd.splat(TOP, like), simd.splat(2, like)
+    best = np.empty(columns, np.uint8)
+    at_right = np.empty((1, columns * cell_columns + lanes), np.uint8)
+    # at_right[0, end - x] is the least cost at pixel x of the right image;
+    # lane k of `seen` is for x = c * cell_columns - k.
+    end = columns * cell_columns
+    for r in range(rows):
+        seen = worst
+        for c in range(columns):
+            costs = simd.load(cells, r, c)
+            seen = simd.minimum(seen, costs)
+            if cell_columns == 2:
+                simd.store(at_right, 0, end - 2 * c + lanes - 2, simd.last(seen, 2))
+                seen = simd.shift_up(seen, 2)
+            else:
+                simd.store(at_right, 0, end - 4 * c + lanes - 4, simd.last(seen, 4))
+                seen = simd.shift_up(seen, 4)
+            least = simd.least(costs)
+            k = simd.first_equal(costs, simd.splat(least, like))
+            best[c] = k
+            # Lanes k - 1 .. k + 1 are 0 .. 2 after this subtraction; everything else is more.
+            near = simd.wrapping_subtract(numbers, simd.splat(np.uint8(k - 1), like))
+            near = simd.equal(simd.minimum(near, two), near)
+            margin[r, c] = simd.least(simd.either(costs, near)) - least
+        # What is left are pixels whose costs no later cell adds to.
+        simd.store(at_right, 0, 0, seen)
+        for c in range(columns):
+            k = np.int64(best[c])
+            d_px[r, c] = np.nan
+            if 0 < k < lanes - 1 and k <= c * cell_columns:
+                before, least, after = np.int32(sums[r, c, k - 1]), np.int32(sums[r, c, k]), np.int32(sums[r, c, k + 1])
+                if least <= at_right[0, end - c * cell_columns + k] + tolerance:
+                    steep = max(before - least, after - least)
+                    part = np.float32(before - after) / np.float32(2 * steep) if steep > 0 else np.float32(0)
+                    d_px[r, c] = np.float32(2) * (np.float32(k) + part)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def measure_texture(image: Bytes, cell_columns: int, texture: Bytes) -> None:
+    """See `reference.cells.measure_texture`."""
+    rows, columns = texture.shape
+    steps = np.zeros(columns * cell_columns, np.int16)
+    for r in range(rows):
+        upper, lower = image[CELL_ROWS * r], image[CELL_ROWS * r + 1]
+        for u in range(1, min(len(steps), image.shape[1] - 1)):
+            a = abs(np.int16(upper[u + 1]) - np.int16(upper[u - 1]))
+            steps[u] = np.int16(a + abs(np.int16(lower[u + 1]) - np.int16(lower[u - 1])))
+        if cell_columns == 2:
+            for c in range(columns):
+                texture[r, c] = min(steps[2 * c] + steps[2 * c + 1], TOP)
+        else:
+            for c in range(columns):
+                a = steps[4 * c] + steps[4 * c + 1] + steps[4 * c + 2] + steps[4 * c + 3]
+                texture[r, c] = min(a >> 1, TOP)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def root(parents, cell):  # type: ignore[no-untyped-def]
+    """Return the first cell of the island that a cell belongs to, and shorten the way there."""
+    while parents[cell] != cell:
+        parents[cell] = parents[parents[cell]]
+        cell = parents[cell]
+    return cell
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def drop_speckles(d_px: Floats, step_px: float, cells: int, labels: NDArray[np.int32]) -> None:
+    """See `reference.cells.drop_speckles`."""
+    rows, columns = d_px.shape
+    parents, sizes = labels[0], labels[1]
+    step = np.float32(step_px)
+    for r in range(rows):
+        for c in range(columns):
+            cell = r * columns + c
+            parents[cell], sizes[cell] = cell, 0
+            d = d_px[r, c]
+            joins_left = c > 0 and abs(d - d_px[r, c - 1]) <= step
+            if joins_left:
+                parents[cell] = parents[cell - 1]
+            if r > 0 and abs(d - d_px[r - 1, c]) <= step:
+                if (
+                    joins_left
+                    and abs(d_px[r - 1, c - 1] - d_px[r - 1, c]) <= step
+                    and abs(d_px[r - 1, c - 1] - d_px[r, c - 1]) <= step
+                ):
+                    continue  # the two are one island already
+                a, b = root(parents, cell), root(parents, cell - columns)
+                parents[max(a, b)] = min(a, b)
+                parents[cell] = min(a, b)
+    # Parents come before their children, so one pass in order leaves every cell pointing at its island's first.
+    for cell in range(rows * columns):
+        parents[cell] = parents[parents[cell]]
+        sizes[parents[cell]] += 1
+    for r in range(rows):
+        for c in range(columns):
+            if sizes[parents[r * columns + c]] < cells:
+                d_px[r, c] = np.nan

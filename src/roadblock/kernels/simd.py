@@ -1,0 +1,292 @@
+"""Vectors of bytes for numba: the few operations that explicit kernels need, as LLVM vector instructions.
+
+Loops over few lanes are vectorised badly or not at all, so `compiled.cells` says which lanes go together. A `Lanes(n)`
+is LLVM's ``<n x i8>``; LLVM splits it into registers of whatever the processor has (AVX-512, AVX2, SSE, NEON), so the
+results are the same everywhere, to the bit. All lanes are unsigned.
+
+A register in memory is an item of an array whose items are n bytes (`in_registers`), so that n is part of the array's
+type. `load` and `store` do not check bounds.
+
+Beware: numba's cache on disk notices changes of the file that holds a kernel, not of this one. After editing this file,
+touch the kernels' file (installers write all files of a new version, so users need nothing).
+"""
+
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import extending, types
+from numba.core import cgutils
+from numba.core.datamodel import models
+from numba.extending import register_model
+from numba.np.arrayobj import make_array
+from numpy.typing import NDArray
+
+BYTE = ir.IntType(8)
+WORD = ir.IntType(32)
+intrinsic: Any = extending.intrinsic
+
+
+class Lanes(types.Type):  # type: ignore[misc]
+    """Numba's type of n unsigned bytes in a register."""
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        super().__init__(f"Lanes({n})")
+
+
+@register_model(Lanes)
+class LanesModel(models.PrimitiveModel):  # type: ignore[misc]
+    """A `Lanes` is an LLVM vector, in registers and in memory."""
+
+    def __init__(self, dmm: Any, fe_type: Lanes) -> None:
+        super().__init__(dmm, fe_type, ir.VectorType(BYTE, fe_type.n))
+
+
+def in_registers(lanes: NDArray[np.uint8]) -> NDArray[np.bytes_]:
+    """Return (..., n) bytes as (...) items of n bytes, without a copy, for `load` and `store`."""
+    return lanes.view(f"S{lanes.shape[-1]}")[..., 0]
+
+
+def _constant(n: int, values: Any) -> ir.Constant:
+    return ir.Constant(ir.VectorType(BYTE, n), [int(v) for v in values])
+
+
+def _splat(builder: ir.IRBuilder, byte: ir.Value, n: int) -> ir.Value:
+    vector = ir.VectorType(BYTE, n)
+    first = builder.insert_element(ir.Constant(vector, ir.Undefined), byte, WORD(0))
+    return builder.shuffle_vector(
+        first, ir.Constant(vector, ir.Undefined), ir.Constant(ir.VectorType(WORD, n), [0] * n)
+    )
+
+
+def _address(context: Any, builder: ir.IRBuilder, signature: Any, args: Any, n: int) -> ir.Value:
+    """Return the address of item (i, j) of a two-dimensional C array as a pointer to n lanes."""
+    array = make_array(signature.args[0])(context, builder, args[0])
+    i, j = (
+        context.cast(builder, value, kind, types.intp)
+        for value, kind in zip(args[1:3], signature.args[1:3], strict=True)
+    )
+    row_bytes = cgutils.unpack_tuple(builder, array.strides, 2)[0]
+    offset = builder.add(builder.mul(i, row_bytes), builder.mul(j, array.itemsize))
+    start = builder.gep(builder.bitcast(array.data, BYTE.as_pointer()), [offset])
+    return builder.bitcast(start, ir.VectorType(BYTE, n).as_pointer())
+
+
+def _is_grid(array: Any, item: Any) -> bool:
+    return isinstance(array, types.Array) and array.ndim == 2 and isinstance(array.dtype, item)
+
+
+@intrinsic
+def load(typing: Any, cells: Any, i: Any, j: Any) -> Any:
+    """Return item (i, j) of a two-dimensional array of registers."""
+    if not _is_grid(cells, types.CharSeq):
+        return None
+    lanes = Lanes(cells.dtype.count)
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.load(_address(context, builder, signature, args, lanes.n), align=1)
+
+    return lanes(cells, i, j), build
+
+
+@intrinsic
+def store(typing: Any, cells: Any, i: Any, j: Any, lanes: Any) -> Any:
+    """Write item (i, j) of a two-dimensional array of registers, or n bytes from (i, j) on of one of bytes."""
+    if not (_is_grid(cells, types.CharSeq) or _is_grid(cells, types.Integer)) or not isinstance(lanes, Lanes):
+        return None
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        builder.store(args[3], _address(context, builder, signature, args, lanes.n), align=1)
+        return context.get_dummy_value()
+
+    return types.void(cells, i, j, lanes), build
+
+
+@intrinsic
+def load_bytes(typing: Any, image: Any, i: Any, j: Any, like: Any) -> Any:
+    """Return as many bytes as `like` has lanes, from (i, j) on, of a two-dimensional array of bytes."""
+    if not _is_grid(image, types.Integer) or not isinstance(like, Lanes):
+        return None
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.load(_address(context, builder, signature, args, like.n), align=1)
+
+    return like(image, i, j, like), build
+
+
+@intrinsic(prefer_literal=True)
+def zeros(typing: Any, n: Any) -> Any:
+    """Return n lanes of 0; n is a literal number."""
+    if not isinstance(n, types.IntegerLiteral):
+        return None
+    lanes = Lanes(n.literal_value)
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return _constant(lanes.n, [0] * lanes.n)
+
+    return lanes(n), build
+
+
+@intrinsic
+def splat(typing: Any, byte: Any, like: Any) -> Any:
+    """Return a register like `like` with `byte` in every lane."""
+    if not isinstance(byte, types.Integer) or not isinstance(like, Lanes):
+        return None
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return _splat(builder, context.cast(builder, args[0], signature.args[0], types.uint8), like.n)
+
+    return like(byte, like), build
+
+
+@intrinsic
+def lane_numbers(typing: Any, like: Any) -> Any:
+    """Return 0, 1, 2 ... in a register like `like`."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return _constant(like.n, range(like.n))
+
+    return like(like), build
+
+
+def _call(name: str) -> Any:
+    """Return an intrinsic of two registers that is LLVM's function `name`."""
+
+    def operation(typing: Any, a: Any, b: Any) -> Any:
+        def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            vector = args[0].type
+            kind = ir.FunctionType(vector, [vector, vector])
+            function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{a.n}i8")
+            return builder.call(function, args)
+
+        return (a(a, b), build) if isinstance(a, Lanes) and a == b else None
+
+    operation.__name__ = operation.__qualname__ = name.replace(".", "_")
+    return intrinsic(operation)
+
+
+minimum = _call("umin")
+maximum = _call("umax")
+add = _call("uadd.sat")
+"""a + b, at most 255."""
+subtract = _call("usub.sat")
+"""a - b, at least 0."""
+
+
+def _instruction(name: str) -> Any:
+    """Return an intrinsic of two registers that is an instruction of LLVM."""
+
+    def operation(typing: Any, a: Any, b: Any) -> Any:
+        def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            return getattr(builder, name)(*args)
+
+        return (a(a, b), build) if isinstance(a, Lanes) and a == b else None
+
+    operation.__name__ = operation.__qualname__ = name
+    return intrinsic(operation)
+
+
+both = _instruction("and_")
+either = _instruction("or_")
+differing = _instruction("xor")
+wrapping_subtract = _instruction("sub")
+"""a - b modulo 256."""
+
+
+@intrinsic
+def equal(typing: Any, a: Any, b: Any) -> Any:
+    """Return 255 where both are equal, and 0 elsewhere."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.sext(builder.icmp_unsigned("==", *args), args[0].type)
+
+    return (a(a, b), build) if isinstance(a, Lanes) and a == b else None
+
+
+@intrinsic
+def select(typing: Any, mask: Any, a: Any, b: Any) -> Any:
+    """Return a where the mask is not 0, and b elsewhere."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        chosen = builder.icmp_unsigned("!=", args[0], ir.Constant(args[0].type, [0] * mask.n))
+        return builder.select(chosen, args[1], args[2])
+
+    return (a(mask, a, b), build) if isinstance(a, Lanes) and mask == a == b else None
+
+
+@intrinsic
+def count_bits(typing: Any, a: Any) -> Any:
+    """Return how many bits of each lane are set."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind = ir.FunctionType(args[0].type, [args[0].type])
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.ctpop.v{a.n}i8"), args)
+
+    return (a(a), build) if isinstance(a, Lanes) else None
+
+
+@intrinsic
+def least(typing: Any, a: Any) -> Any:
+    """Return the least of all lanes, a byte."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind = ir.FunctionType(BYTE, [args[0].type])
+        name = f"llvm.vector.reduce.umin.v{a.n}i8"
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), args)
+
+    return (types.uint8(a), build) if isinstance(a, Lanes) else None
+
+
+@intrinsic
+def first_equal(typing: Any, a: Any, b: Any) -> Any:
+    """Return the first lane in which both are equal, or the number of lanes if none is."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        mask = builder.bitcast(builder.icmp_unsigned("==", *args), ir.IntType(a.n))
+        lane = builder.cttz(mask, ir.Constant(ir.IntType(1), 0))
+        wide = ir.IntType(64)
+        if a.n < 64:
+            return builder.zext(lane, wide)
+        return builder.trunc(lane, wide) if a.n > 64 else lane
+
+    return (types.int64(a, b), build) if isinstance(a, Lanes) and a == b else None
+
+
+@intrinsic(prefer_literal=True)
+def shift_up(typing: Any, a: Any, by: Any) -> Any:
+    """Move every lane up by a literal number of lanes; 255 comes in below."""
+    return _shift(a, by, 1)
+
+
+@intrinsic(prefer_literal=True)
+def shift_down(typing: Any, a: Any, by: Any) -> Any:
+    """Move every lane down by a literal number of lanes; 255 comes in above."""
+    return _shift(a, by, -1)
+
+
+def _shift(a: Any, by: Any, sign: int) -> Any:
+    if not isinstance(a, Lanes) or not isinstance(by, types.IntegerLiteral):
+        return None
+    sources = np.arange(a.n) - sign * by.literal_value
+    sources = np.where((sources < 0) | (sources >= a.n), a.n, sources)
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        mask = ir.Constant(ir.VectorType(WORD, a.n), [int(s) for s in sources])
+        return builder.shuffle_vector(args[0], _constant(a.n, [255] * a.n), mask)
+
+    return a(a, by), build
+
+
+@intrinsic(prefer_literal=True)
+def last(typing: Any, a: Any, n: Any) -> Any:
+    """Return the last n lanes; n is a literal number."""
+    if not isinstance(a, Lanes) or not isinstance(n, types.IntegerLiteral):
+        return None
+    top = Lanes(n.literal_value)
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        mask = ir.Constant(ir.VectorType(WORD, top.n), list(range(a.n - top.n, a.n)))
+        return builder.shuffle_vector(args[0], args[0], mask)
+
+    return top(a, n), build

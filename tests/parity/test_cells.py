@@ -1,0 +1,104 @@
+"""The compiled cell kernels against their readable definitions: the same bits, on crooked and degenerate inputs."""
+
+import numpy as np
+import pytest
+
+from roadblock.kernels.compiled import cells as compiled
+from roadblock.kernels.reference import cells as reference
+
+SHAPES = [(37, 101), (2, 8), (2, 4), (3, 141), (9, 41), (40, 5), (12, 36)]
+LANES = [32, 64, 128]
+
+
+def picture(shape: tuple[int, int], kind: str, seed: int) -> np.ndarray:
+    if kind == "flat":
+        return np.full(shape, 90, np.uint8)
+    top = 256 if kind == "noise" else 4
+    return np.random.default_rng(seed).integers(0, top, shape).astype(np.uint8)
+
+
+def filled(shape: tuple[int, ...], seed: int, top: int = 256) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, top, shape).astype(np.uint8)
+
+
+def grid(shape: tuple[int, int], cell_columns: int) -> tuple[int, int]:
+    return shape[0] // reference.CELL_ROWS, shape[1] // cell_columns
+
+
+@pytest.mark.parametrize("kind", ["noise", "few", "flat"])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_codes(shape: tuple[int, int], kind: str) -> None:
+    image = picture(shape, kind, 1)
+    fast, slow = filled(shape, 2), filled(shape, 3)
+    compiled.encode(image, fast)
+    reference.encode(image, slow)
+    np.testing.assert_array_equal(fast, slow)
+    turned = filled((shape[0], shape[1] + 32), 4), filled((shape[0], shape[1] + 32), 5)
+    compiled.turn(fast, turned[0])
+    reference.turn(fast, turned[1])
+    np.testing.assert_array_equal(*turned)
+
+
+@pytest.mark.parametrize("lanes", LANES)
+@pytest.mark.parametrize("cell_columns", [2, 4])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_costs(shape: tuple[int, int], cell_columns: int, lanes: int) -> None:
+    left = filled(shape, 1)
+    turned = np.zeros((shape[0], shape[1] + lanes), np.uint8)
+    reference.turn(filled(shape, 2), turned)
+    fast, slow = (filled((*grid(shape, cell_columns), lanes), seed) for seed in (3, 4))
+    compiled.cost_cells(left, turned, cell_columns, fast)
+    reference.cost_cells(left, turned, cell_columns, slow)
+    np.testing.assert_array_equal(fast, slow)
+
+
+@pytest.mark.parametrize("top", [1, 30, 256])
+@pytest.mark.parametrize("lanes", LANES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_paths(shape: tuple[int, int], lanes: int, top: int) -> None:
+    costs = filled((*grid(shape, 2), lanes), 1, top)
+    for p1, p2 in ((3, 14), (0, 0), (100, 127)):
+        fast, slow = filled(costs.shape, 2), filled(costs.shape, 3)
+        compiled.sum_paths(costs, p1, p2, fast)
+        reference.sum_paths(costs, p1, p2, slow)
+        np.testing.assert_array_equal(fast, slow)
+
+
+@pytest.mark.parametrize("top", [1, 5, 256])
+@pytest.mark.parametrize("cell_columns", [2, 4])
+@pytest.mark.parametrize("lanes", LANES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_choice(shape: tuple[int, int], lanes: int, cell_columns: int, top: int) -> None:
+    sums = filled((*grid(shape, cell_columns), lanes), 1, top)
+    for tolerance in (0, 2, 255):
+        fast, slow = (np.zeros(sums.shape[:2], np.float32) for _ in range(2))
+        margins = filled(sums.shape[:2], 2), filled(sums.shape[:2], 3)
+        compiled.choose(sums, cell_columns, tolerance, fast, margins[0])
+        reference.choose(sums, cell_columns, tolerance, slow, margins[1])
+        np.testing.assert_array_equal(fast, slow)
+        np.testing.assert_array_equal(*margins)
+
+
+@pytest.mark.parametrize("kind", ["noise", "few", "flat"])
+@pytest.mark.parametrize("cell_columns", [2, 4])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_texture(shape: tuple[int, int], cell_columns: int, kind: str) -> None:
+    image = picture(shape, kind, 1)
+    fast, slow = (filled(grid(shape, cell_columns), seed) for seed in (2, 3))
+    compiled.measure_texture(image, cell_columns, fast)
+    reference.measure_texture(image, cell_columns, slow)
+    np.testing.assert_array_equal(fast, slow)
+
+
+@pytest.mark.parametrize("known", [1.0, 0.7])
+@pytest.mark.parametrize("levels", [1, 2, 5])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1), (23, 31)])
+def test_speckles(shape: tuple[int, int], levels: int, known: float) -> None:
+    rng = np.random.default_rng(levels)
+    fast = (3 * rng.integers(0, levels, shape)).astype(np.float32)
+    fast[rng.random(shape) > known] = np.nan
+    slow = fast.copy()
+    labels = np.empty((2, fast.size), np.int32)
+    compiled.drop_speckles(fast, 1.5, 6, labels)
+    reference.drop_speckles(slow, 1.5, 6, labels)
+    np.testing.assert_array_equal(fast, slow)
