@@ -27,7 +27,7 @@ WORD = ir.IntType(32)
 intrinsic: Any = extending.intrinsic
 
 
-class Lanes(types.Type):  # type: ignore[misc]
+class Lanes(types.Type):
     """Numba's type of n unsigned bytes in a register."""
 
     def __init__(self, n: int) -> None:
@@ -36,7 +36,7 @@ class Lanes(types.Type):  # type: ignore[misc]
 
 
 @register_model(Lanes)
-class LanesModel(models.PrimitiveModel):  # type: ignore[misc]
+class LanesModel(models.PrimitiveModel):
     """A `Lanes` is an LLVM vector, in registers and in memory."""
 
     def __init__(self, dmm: Any, fe_type: Lanes) -> None:
