@@ -69,12 +69,12 @@ def test_paths(shape: tuple[int, int], lanes: int, top: int) -> None:
 @pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_choice(shape: tuple[int, int], lanes: int, cell_columns: int, top: int) -> None:
-    sums = filled((*grid(shape, cell_columns), lanes), 1, top)
+    costs, sums = (filled((*grid(shape, cell_columns), lanes), seed, top) for seed in (0, 1))
     for tolerance in (0, 2, 255):
         fast, slow = (np.zeros(sums.shape[:2], np.float32) for _ in range(2))
         margins = filled(sums.shape[:2], 2), filled(sums.shape[:2], 3)
-        compiled.choose(sums, cell_columns, tolerance, fast, margins[0])
-        reference.choose(sums, cell_columns, tolerance, slow, margins[1])
+        compiled.choose(costs, sums, 3, 14, cell_columns, tolerance, fast, margins[0])
+        reference.choose(costs, sums, 3, 14, cell_columns, tolerance, slow, margins[1])
         np.testing.assert_array_equal(fast, slow)
         np.testing.assert_array_equal(*margins)
 

@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 
 BYTE = ir.IntType(8)
 WORD = ir.IntType(32)
+SMALLEST = 16
+"""Bytes of the smallest vector register of any processor that has them."""
 intrinsic: Any = extending.intrinsic
 
 
@@ -58,6 +60,13 @@ def _splat(builder: ir.IRBuilder, byte: ir.Value, n: int) -> ir.Value:
     return builder.shuffle_vector(
         first, ir.Constant(vector, ir.Undefined), ir.Constant(ir.VectorType(WORD, n), [0] * n)
     )
+
+
+def _call_llvm(builder: ir.IRBuilder, name: str, n: int, *args: ir.Value, result: Any = None) -> ir.Value:
+    """Return LLVM's intrinsic function `name` of registers of n lanes; `result` is a register too unless given."""
+    vector = ir.VectorType(BYTE, n)
+    kind = ir.FunctionType(result or vector, [vector] * len(args))
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{n}i8"), args)
 
 
 def _address(context: Any, builder: ir.IRBuilder, signature: Any, args: Any, n: int) -> ir.Value:
@@ -155,10 +164,7 @@ def _call(name: str) -> Any:
 
     def operation(typing: Any, a: Any, b: Any) -> Any:
         def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            vector = args[0].type
-            kind = ir.FunctionType(vector, [vector, vector])
-            function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{a.n}i8")
-            return builder.call(function, args)
+            return _call_llvm(builder, name, a.n, *args)
 
         return (a(a, b), build) if isinstance(a, Lanes) and a == b else None
 
@@ -220,8 +226,7 @@ def count_bits(typing: Any, a: Any) -> Any:
     """Return how many bits of each lane are set."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kind = ir.FunctionType(args[0].type, [args[0].type])
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.ctpop.v{a.n}i8"), args)
+        return _call_llvm(builder, "ctpop", a.n, *args)
 
     return (a(a), build) if isinstance(a, Lanes) else None
 
@@ -231,11 +236,29 @@ def least(typing: Any, a: Any) -> Any:
     """Return the least of all lanes, a byte."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kind = ir.FunctionType(BYTE, [args[0].type])
-        name = f"llvm.vector.reduce.umin.v{a.n}i8"
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), args)
+        lanes, n = args[0], a.n
+        while n > SMALLEST and n % 2 == 0:
+            n //= 2
+            halves = [ir.Constant(ir.VectorType(WORD, n), list(range(i, i + n))) for i in (0, n)]
+            low, high = (builder.shuffle_vector(lanes, lanes, half) for half in halves)
+            lanes = _call_llvm(builder, "umin", n, low, high)
+        if n == SMALLEST and "+sse4.1" in context.codegen().magic_tuple()[2].split(","):
+            return _least_by_phminposuw(builder, lanes)
+        return _call_llvm(builder, "vector.reduce.umin", n, lanes, result=BYTE)
 
     return (types.uint8(a), build) if isinstance(a, Lanes) else None
+
+
+def _least_by_phminposuw(builder: ir.IRBuilder, lanes: ir.Value) -> ir.Value:
+    """Return the least of 16 bytes by the one instruction that x86 has for it, which LLVM finds only at times."""
+    pairs = ir.VectorType(ir.IntType(16), 8)
+    words = builder.bitcast(lanes, pairs)
+    # The upper byte's partner is 0, so words hold the lesser of their two bytes.
+    high = builder.bitcast(builder.lshr(words, ir.Constant(pairs, [8] * 8)), lanes.type)
+    bytes_ = builder.bitcast(_call_llvm(builder, "umin", SMALLEST, lanes, high), pairs)
+    kind = ir.FunctionType(pairs, [pairs])
+    function = cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.sse41.phminposuw")
+    return builder.trunc(builder.extract_element(builder.call(function, [bytes_]), WORD(0)), BYTE)
 
 
 @intrinsic
@@ -268,8 +291,10 @@ def shift_down(typing: Any, a: Any, by: Any) -> Any:
 def _shift(a: Any, by: Any, sign: int) -> Any:
     if not isinstance(a, Lanes) or not isinstance(by, types.IntegerLiteral):
         return None
-    sources = np.arange(a.n) - sign * by.literal_value
-    sources = np.where((sources < 0) | (sources >= a.n), a.n, sources)
+    n, lanes = a.n, np.arange(a.n)
+    sources = lanes - sign * by.literal_value
+    # What comes in keeps its place within 16 lanes, so that one instruction can move it together with its neighbours.
+    sources = np.where((sources < 0) | (sources >= n), n + sources % SMALLEST, sources)
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         mask = ir.Constant(ir.VectorType(WORD, a.n), [int(s) for s in sources])

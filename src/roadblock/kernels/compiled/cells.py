@@ -117,22 +117,17 @@ def _sum_paths(costs, price1, price2, sums):  # type: ignore[no-untyped-def]
     rows, columns = costs.shape
     if rows == 0 or columns == 0:
         return
-    p1, p2 = simd.splat(price1, simd.load(costs, 0, 0)), simd.splat(price2, simd.load(costs, 0, 0))
-    # Four rows at once, since one row's steps wait for each other. Rows past the last one do the last one again: all
-    # four are read before any is written, so that does not count it twice.
+    like = simd.load(costs, 0, 0)
+    nothing, p1, p2 = simd.splat(0, like), simd.splat(price1, like), simd.splat(price2, like)
+    down = np.empty((1, columns), costs.dtype)
+    for c in range(columns):
+        simd.store(down, 0, c, nothing)
+    # Four rows at once, since the steps along one row wait for each other. A path starts as the step from nothing. Rows
+    # past the last one do the last one again: all four are read before any is written, so that counts once.
     for r in range(0, rows, 4):
         r1, r2, r3 = min(r + 1, rows - 1), min(r + 2, rows - 1), min(r + 3, rows - 1)
-        x0, x1, x2, x3 = (
-            simd.load(costs, r, 0),
-            simd.load(costs, r1, 0),
-            simd.load(costs, r2, 0),
-            simd.load(costs, r3, 0),
-        )
-        simd.store(sums, r, 0, x0)
-        simd.store(sums, r1, 0, x1)
-        simd.store(sums, r2, 0, x2)
-        simd.store(sums, r3, 0, x3)
-        for c in range(1, columns):
+        x0, x1, x2, x3 = nothing, nothing, nothing, nothing
+        for c in range(columns):
             x0 = step(x0, simd.load(costs, r, c), p1, p2)
             x1 = step(x1, simd.load(costs, r1, c), p1, p2)
             x2 = step(x2, simd.load(costs, r2, c), p1, p2)
@@ -141,95 +136,78 @@ def _sum_paths(costs, price1, price2, sums):  # type: ignore[no-untyped-def]
             simd.store(sums, r1, c, x1)
             simd.store(sums, r2, c, x2)
             simd.store(sums, r3, c, x3)
-        c = columns - 1
-        x0, x1, x2, x3 = (
-            simd.load(costs, r, c),
-            simd.load(costs, r1, c),
-            simd.load(costs, r2, c),
-            simd.load(costs, r3, c),
-        )
-        while True:
-            s0, s1, s2, s3 = (
-                simd.load(sums, r, c),
-                simd.load(sums, r1, c),
-                simd.load(sums, r2, c),
-                simd.load(sums, r3, c),
-            )
-            simd.store(sums, r, c, simd.add(s0, x0))
-            simd.store(sums, r1, c, simd.add(s1, x1))
-            simd.store(sums, r2, c, simd.add(s2, x2))
-            simd.store(sums, r3, c, simd.add(s3, x3))
-            c -= 1
-            if c < 0:
-                break
+        x0, x1, x2, x3 = nothing, nothing, nothing, nothing
+        for c in range(columns - 1, -1, -1):
             x0 = step(x0, simd.load(costs, r, c), p1, p2)
             x1 = step(x1, simd.load(costs, r1, c), p1, p2)
             x2 = step(x2, simd.load(costs, r2, c), p1, p2)
             x3 = step(x3, simd.load(costs, r3, c), p1, p2)
-    paths = np.empty((1, columns), costs.dtype)
-    for c in range(columns):
-        x = simd.load(costs, 0, c)
-        simd.store(paths, 0, c, x)
-        simd.store(sums, 0, c, simd.add(simd.load(sums, 0, c), x))
-    for r in range(1, rows):
-        for c in range(columns):
-            x = step(simd.load(paths, 0, c), simd.load(costs, r, c), p1, p2)
-            simd.store(paths, 0, c, x)
-            simd.store(sums, r, c, simd.add(simd.load(sums, r, c), x))
-    for c in range(columns):
-        x = simd.load(costs, rows - 1, c)
-        simd.store(paths, 0, c, x)
-        simd.store(sums, rows - 1, c, simd.add(simd.load(sums, rows - 1, c), x))
-    for r in range(rows - 2, -1, -1):
-        for c in range(columns):
-            x = step(simd.load(paths, 0, c), simd.load(costs, r, c), p1, p2)
-            simd.store(paths, 0, c, x)
-            simd.store(sums, r, c, simd.add(simd.load(sums, r, c), x))
+            s0, s1, s2, s3 = simd.load(sums, r, c), simd.load(sums, r1, c), simd.load(sums, r2, c), simd.load(sums, r3, c)
+            simd.store(sums, r, c, simd.add(s0, x0))
+            simd.store(sums, r1, c, simd.add(s1, x1))
+            simd.store(sums, r2, c, simd.add(s2, x2))
+            simd.store(sums, r3, c, simd.add(s3, x3))
+        for row in range(r, min(r + 4, rows)):
+            for c in range(columns):
+                x = step(simd.load(down, 0, c), simd.load(costs, row, c), p1, p2)
+                simd.store(down, 0, c, x)
+                simd.store(sums, row, c, simd.add(simd.load(sums, row, c), x))
 
 
-def choose(sums: Bytes, cell_columns: int, tolerance: int, d_px: Floats, margin: Bytes) -> None:
+def choose(
+    costs: Bytes, sums: Bytes, p1: int, p2: int, cell_columns: int, tolerance: int, d_px: Floats, margin: Bytes
+) -> None:
     """See `reference.cells.choose`."""
-    _choose(sums, simd.in_registers(sums), cell_columns, tolerance, d_px, margin)
+    _choose(simd.in_registers(costs), simd.in_registers(sums), p1, p2, cell_columns, tolerance, d_px, margin)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _choose(sums, cells, cell_columns, tolerance, d_px, margin):  # type: ignore[no-untyped-def]
-    rows, columns = cells.shape
-    lanes = cells.itemsize
+def _choose(costs, sums, price1, price2, cell_columns, tolerance, d_px, margin):  # type: ignore[no-untyped-def]
+    rows, columns = costs.shape
+    lanes = costs.itemsize
     if rows == 0 or columns == 0:
         return
-    like = simd.load(cells, 0, 0)
+    like = simd.load(costs, 0, 0)
+    nothing, p1, p2 = simd.splat(0, like), simd.splat(price1, like), simd.splat(price2, like)
+    up = np.empty((1, columns), costs.dtype)
+    for c in range(columns):
+        simd.store(up, 0, c, nothing)
     numbers, worst, two = simd.lane_numbers(like), simd.splat(TOP, like), simd.splat(2, like)
     best = np.empty(columns, np.uint8)
+    totals = np.empty((1, lanes * columns), np.uint8)
     at_right = np.empty((1, columns * cell_columns + lanes), np.uint8)
-    # at_right[0, end - x] is the least cost at pixel x of the right image;
+    # at_right[0, end - x] is the least total at pixel x of the right image;
     # lane k of `seen` is for x = c * cell_columns - k.
     end = columns * cell_columns
-    for r in range(rows):
+    for r in range(rows - 1, -1, -1):
         seen = worst
         for c in range(columns):
-            costs = simd.load(cells, r, c)
-            seen = simd.minimum(seen, costs)
+            path = step(simd.load(up, 0, c), simd.load(costs, r, c), p1, p2)
+            simd.store(up, 0, c, path)
+            total = simd.add(simd.load(sums, r, c), path)
+            simd.store(totals, 0, c * lanes, total)
+            seen = simd.minimum(seen, total)
             if cell_columns == 2:
                 simd.store(at_right, 0, end - 2 * c + lanes - 2, simd.last(seen, 2))
                 seen = simd.shift_up(seen, 2)
             else:
                 simd.store(at_right, 0, end - 4 * c + lanes - 4, simd.last(seen, 4))
                 seen = simd.shift_up(seen, 4)
-            least = simd.least(costs)
-            k = simd.first_equal(costs, simd.splat(least, like))
+            least = simd.least(total)
+            k = simd.first_equal(total, simd.splat(least, like))
             best[c] = k
             # Lanes k - 1 .. k + 1 are 0 .. 2 after this subtraction; everything else is more.
             near = simd.wrapping_subtract(numbers, simd.splat(np.uint8(k - 1), like))
             near = simd.equal(simd.minimum(near, two), near)
-            margin[r, c] = simd.least(simd.either(costs, near)) - least
-        # What is left are pixels whose costs no later cell adds to.
+            margin[r, c] = simd.least(simd.either(total, near)) - least
+        # What is left are pixels to whose totals no later cell adds.
         simd.store(at_right, 0, 0, seen)
         for c in range(columns):
             k = np.int64(best[c])
             d_px[r, c] = np.nan
             if 0 < k < lanes - 1 and k <= c * cell_columns:
-                before, least, after = np.int32(sums[r, c, k - 1]), np.int32(sums[r, c, k]), np.int32(sums[r, c, k + 1])
+                i = c * lanes + k
+                before, least, after = np.int32(totals[0, i - 1]), np.int32(totals[0, i]), np.int32(totals[0, i + 1])
                 if least <= at_right[0, end - c * cell_columns + k] + tolerance:
                     steep = max(before - least, after - least)
                     part = np.float32(before - after) / np.float32(2 * steep) if steep > 0 else np.float32(0)

@@ -84,7 +84,7 @@ def cost_cells(left: Bytes, turned: Bytes, cell_columns: int, costs: Bytes) -> N
 
 
 def sum_paths(costs: Bytes, p1: int, p2: int, sums: Bytes) -> None:
-    """Write the sum of the costs along four paths (left, right, up, down), each bent as little as pays.
+    """Write the sum of the costs along three paths (from the left, the right and above), each bent as little as pays.
 
     Hirschmueller's equation 13: along a path, a cell's cost is its own plus the least of the previous cell's at the
     same lane, at a neighbouring lane plus p1, and at any lane plus p2, less the previous cell's least.
@@ -98,17 +98,19 @@ def sum_paths(costs: Bytes, p1: int, p2: int, sums: Bytes) -> None:
     sums
         (cell rows, cell columns, lanes), written.
     """
-    total = np.zeros(costs.shape, np.int64)
-    for axis in (0, 1):
-        along = np.moveaxis(costs, axis, 0)
-        into = np.moveaxis(total, axis, 0)
-        for step in (1, -1):
-            path = along[::step][0].astype(np.int64)
-            into[::step][0] += path
-            for i in range(1, len(along)):
-                path = np.minimum(along[::step][i] + _cheapest(path, p1, p2), TOP)
-                into[::step][i] += path
+    across, back = costs.transpose(1, 0, 2), costs[:, ::-1].transpose(1, 0, 2)
+    total = _follow(costs, p1, p2)
+    total += _follow(across, p1, p2).transpose(1, 0, 2)
+    total += _follow(back, p1, p2).transpose(1, 0, 2)[:, ::-1]
     sums[:] = np.minimum(total, TOP)
+
+
+def _follow(costs: Bytes, p1: int, p2: int) -> NDArray[np.int64]:
+    """Return the costs along paths from the first to the last row."""
+    paths = costs.astype(np.int64)
+    for i in range(1, len(costs)):
+        paths[i] = np.minimum(costs[i] + _cheapest(paths[i - 1], p1, p2), TOP)
+    return paths
 
 
 def _cheapest(path: NDArray[np.int64], p1: int, p2: int) -> NDArray[np.int64]:
@@ -118,13 +120,17 @@ def _cheapest(path: NDArray[np.int64], p1: int, p2: int) -> NDArray[np.int64]:
     return np.asarray(np.minimum.reduce(ways) - least)
 
 
-def choose(sums: Bytes, cell_columns: int, tolerance: int, d_px: Floats, margin: Bytes) -> None:
-    """Write each cell's disparity, and by how much it beats every lane that is not its neighbour.
+def choose(
+    costs: Bytes, sums: Bytes, p1: int, p2: int, cell_columns: int, tolerance: int, d_px: Floats, margin: Bytes
+) -> None:
+    """Add the fourth path, from below; write each cell's disparity, and by how much it beats lanes that are no neighbours.
 
     Parameters
     ----------
-    sums
-        (cell rows, cell columns, lanes) of `sum_paths`.
+    costs, sums
+        (cell rows, cell columns, lanes) of `cost_cells` and `sum_paths`.
+    p1, p2
+        As for `sum_paths`.
     cell_columns
         Half-resolution columns of a cell, 2 or 4.
     tolerance
@@ -136,19 +142,20 @@ def choose(sums: Bytes, cell_columns: int, tolerance: int, d_px: Floats, margin:
         (cell rows, cell columns), written: second best (at least 2 lanes away) less best.
     """
     rows, columns, lanes = sums.shape
+    totals = np.minimum(sums + _follow(costs[::-1], p1, p2)[::-1], TOP).astype(np.uint8)
     at_right = np.full((rows, columns * cell_columns + lanes), TOP, np.uint8)
     for c in range(columns):
         seen = at_right[:, c * cell_columns : c * cell_columns + lanes]
-        np.minimum(seen, sums[:, c, ::-1], out=seen)
-    best = sums.argmin(-1)
+        np.minimum(seen, totals[:, c, ::-1], out=seen)
+    best = totals.argmin(-1)
     for r, c in np.ndindex(rows, columns):
-        k, costs = best[r, c], sums[r, c].astype(np.int32)
-        others = np.delete(costs, np.arange(max(k - 1, 0), min(k + 2, lanes)))
-        margin[r, c] = others.min(initial=TOP) - costs[k]
+        k, total = best[r, c], totals[r, c].astype(np.int32)
+        others = np.delete(total, np.arange(max(k - 1, 0), min(k + 2, lanes)))
+        margin[r, c] = others.min(initial=TOP) - total[k]
         d_px[r, c] = np.nan
-        confirmed = costs[k] - tolerance <= at_right[r, c * cell_columns + lanes - 1 - k]
+        confirmed = total[k] - tolerance <= at_right[r, c * cell_columns + lanes - 1 - k]
         if 0 < k < lanes - 1 and k <= c * cell_columns and confirmed:
-            d_px[r, c] = 2 * (k + refine(costs[k - 1], costs[k], costs[k + 1]))
+            d_px[r, c] = 2 * (k + refine(total[k - 1], total[k], total[k + 1]))
 
 
 def refine(before: int, least: int, after: int) -> np.float32:

@@ -74,8 +74,9 @@ class CellMatcher:
         kernels.encode(right, self._right)
         kernels.turn(self._right, self._turned)
         kernels.cost_cells(self._left, self._turned, cell_columns, self._costs)
-        kernels.sum_paths(self._costs, settings.p1, settings.p2, self._sums)
-        kernels.choose(self._sums, cell_columns, settings.tolerance, self._d_px, self._margin)
+        prices = settings.p1, settings.p2
+        kernels.sum_paths(self._costs, *prices, self._sums)
+        kernels.choose(self._costs, self._sums, *prices, cell_columns, settings.tolerance, self._d_px, self._margin)
         kernels.measure_texture(left, cell_columns, self._texture)
         self._d_px[self._margin < settings.margin] = np.nan
         smallest = -(-settings.speckle_px2 // (settings.cell_width_px * 4))
