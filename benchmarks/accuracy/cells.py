@@ -97,7 +97,16 @@ def main() -> None:
     options = dict(a.split("=", 1) for a in arguments if "=" in a)
     folders = [a for a in arguments if "=" not in a and not a.startswith("--")]
     data = Path(folders[0] if folders else os.environ.get("ROADBLOCK_DATA", "../shared/data"))
-    columns = ["cell", "frames", "what", "density", "off by > 3 px", "off by > 1 px", "median px", "median deviation px"]
+    columns = [
+        "cell",
+        "frames",
+        "what",
+        "density",
+        "off by > 3 px",
+        "off by > 1 px",
+        "median px",
+        "median deviation px",
+    ]
     rows = measure(data / "kitti2015", options)
     for row in rows:
         print(*(f"{cell:10}" for cell in row))

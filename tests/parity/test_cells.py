@@ -70,11 +70,12 @@ def test_paths(shape: tuple[int, int], lanes: int, top: int) -> None:
 @pytest.mark.parametrize("shape", SHAPES)
 def test_choice(shape: tuple[int, int], lanes: int, cell_columns: int, top: int) -> None:
     costs, sums = (filled((*grid(shape, cell_columns), lanes), seed, top) for seed in (0, 1))
-    for tolerance in (0, 2, 255):
+    prices = (3, 14)
+    for tolerance, least in ((0, 0), (2, 1), (255, 200)):
         fast, slow = (np.zeros(sums.shape[:2], np.float32) for _ in range(2))
         margins = filled(sums.shape[:2], 2), filled(sums.shape[:2], 3)
-        compiled.choose(costs, sums, 3, 14, cell_columns, tolerance, fast, margins[0])
-        reference.choose(costs, sums, 3, 14, cell_columns, tolerance, slow, margins[1])
+        compiled.choose(costs, sums, *prices, cell_columns, tolerance, least, fast, margins[0])
+        reference.choose(costs, sums, *prices, cell_columns, tolerance, least, slow, margins[1])
         np.testing.assert_array_equal(fast, slow)
         np.testing.assert_array_equal(*margins)
 
@@ -101,4 +102,16 @@ def test_speckles(shape: tuple[int, int], levels: int, known: float) -> None:
     labels = np.empty((2, fast.size), np.int32)
     compiled.drop_speckles(fast, 1.5, 6, labels)
     reference.drop_speckles(slow, 1.5, 6, labels)
+    np.testing.assert_array_equal(fast, slow)
+
+
+@pytest.mark.parametrize("known", [1.0, 0.8])
+@pytest.mark.parametrize("shape", [(1, 1), (2, 9), (9, 2), (3, 3), (23, 31)])
+def test_smoothing(shape: tuple[int, int], known: float) -> None:
+    rng = np.random.default_rng(4)
+    d_px = rng.uniform(0, 4, shape).astype(np.float32)
+    d_px[rng.random(shape) > known] = np.nan
+    fast, slow = np.empty_like(d_px), np.empty_like(d_px)
+    compiled.smooth(d_px, 1.5, fast)
+    reference.smooth(d_px, 1.5, slow)
     np.testing.assert_array_equal(fast, slow)

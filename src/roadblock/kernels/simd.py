@@ -288,6 +288,17 @@ def shift_down(typing: Any, a: Any, by: Any) -> Any:
     return _shift(a, by, -1)
 
 
+@intrinsic
+def reverse(typing: Any, a: Any) -> Any:
+    """Return the lanes in reverse order."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        mask = ir.Constant(ir.VectorType(WORD, a.n), list(range(a.n))[::-1])
+        return builder.shuffle_vector(args[0], args[0], mask)
+
+    return (a(a), build) if isinstance(a, Lanes) else None
+
+
 def _shift(a: Any, by: Any, sign: int) -> Any:
     if not isinstance(a, Lanes) or not isinstance(by, types.IntegerLiteral):
         return None

@@ -53,9 +53,15 @@ def encode(image: Bytes, codes: Bytes) -> None:
 def turn(plain: Bytes, codes: Bytes) -> None:
     """See `reference.cells.turn`."""
     rows, columns = plain.shape
+    like = simd.zeros(32)
     for v in range(rows):
-        for u in range(columns):
+        u = 0
+        while u + AT_ONCE <= columns:
+            simd.store(codes, v, columns - AT_ONCE - u, simd.reverse(simd.load_bytes(plain, v, u, like)))
+            u += AT_ONCE
+        while u < columns:
             codes[v, columns - 1 - u] = plain[v, u]
+            u += 1
         codes[v, columns:] = 0
 
 
@@ -142,7 +148,12 @@ def _sum_paths(costs, price1, price2, sums):  # type: ignore[no-untyped-def]
             x1 = step(x1, simd.load(costs, r1, c), p1, p2)
             x2 = step(x2, simd.load(costs, r2, c), p1, p2)
             x3 = step(x3, simd.load(costs, r3, c), p1, p2)
-            s0, s1, s2, s3 = simd.load(sums, r, c), simd.load(sums, r1, c), simd.load(sums, r2, c), simd.load(sums, r3, c)
+            s0, s1, s2, s3 = (
+                simd.load(sums, r, c),
+                simd.load(sums, r1, c),
+                simd.load(sums, r2, c),
+                simd.load(sums, r3, c),
+            )
             simd.store(sums, r, c, simd.add(s0, x0))
             simd.store(sums, r1, c, simd.add(s1, x1))
             simd.store(sums, r2, c, simd.add(s2, x2))
@@ -155,14 +166,23 @@ def _sum_paths(costs, price1, price2, sums):  # type: ignore[no-untyped-def]
 
 
 def choose(
-    costs: Bytes, sums: Bytes, p1: int, p2: int, cell_columns: int, tolerance: int, d_px: Floats, margin: Bytes
+    costs: Bytes,
+    sums: Bytes,
+    p1: int,
+    p2: int,
+    cell_columns: int,
+    tolerance: int,
+    least_margin: int,
+    d_px: Floats,
+    margin: Bytes,
 ) -> None:
     """See `reference.cells.choose`."""
-    _choose(simd.in_registers(costs), simd.in_registers(sums), p1, p2, cell_columns, tolerance, d_px, margin)
+    cells = simd.in_registers(costs), simd.in_registers(sums)
+    _choose(*cells, p1, p2, cell_columns, tolerance, least_margin, d_px, margin)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _choose(costs, sums, price1, price2, cell_columns, tolerance, d_px, margin):  # type: ignore[no-untyped-def]
+def _choose(costs, sums, price1, price2, cell_columns, tolerance, least_margin, d_px, margin):  # type: ignore[no-untyped-def]
     rows, columns = costs.shape
     lanes = costs.itemsize
     if rows == 0 or columns == 0:
@@ -172,7 +192,10 @@ def _choose(costs, sums, price1, price2, cell_columns, tolerance, d_px, margin):
     up = np.empty((1, columns), costs.dtype)
     for c in range(columns):
         simd.store(up, 0, c, nothing)
-    numbers, worst, two = simd.lane_numbers(like), simd.splat(TOP, like), simd.splat(2, like)
+    worst = simd.splat(TOP, like)
+    # Seen from lane `lanes - k` on, this covers lanes k - 1 .. k + 1.
+    cover = np.zeros((1, 2 * lanes), np.uint8)
+    cover[0, lanes - 1 : lanes + 2] = TOP
     best = np.empty(columns, np.uint8)
     totals = np.empty((1, lanes * columns), np.uint8)
     at_right = np.empty((1, columns * cell_columns + lanes), np.uint8)
@@ -196,22 +219,19 @@ def _choose(costs, sums, price1, price2, cell_columns, tolerance, d_px, margin):
             least = simd.least(total)
             k = simd.first_equal(total, simd.splat(least, like))
             best[c] = k
-            # Lanes k - 1 .. k + 1 are 0 .. 2 after this subtraction; everything else is more.
-            near = simd.wrapping_subtract(numbers, simd.splat(np.uint8(k - 1), like))
-            near = simd.equal(simd.minimum(near, two), near)
+            near = simd.load_bytes(cover, 0, lanes - k, like)
             margin[r, c] = simd.least(simd.either(total, near)) - least
         # What is left are pixels to whose totals no later cell adds.
         simd.store(at_right, 0, 0, seen)
         for c in range(columns):
-            k = np.int64(best[c])
-            d_px[r, c] = np.nan
-            if 0 < k < lanes - 1 and k <= c * cell_columns:
-                i = c * lanes + k
-                before, least, after = np.int32(totals[0, i - 1]), np.int32(totals[0, i]), np.int32(totals[0, i + 1])
-                if least <= at_right[0, end - c * cell_columns + k] + tolerance:
-                    steep = max(before - least, after - least)
-                    part = np.float32(before - after) / np.float32(2 * steep) if steep > 0 else np.float32(0)
-                    d_px[r, c] = np.float32(2) * (np.float32(k) + part)
+            k = min(max(np.int64(best[c]), 1), lanes - 2)
+            i = c * lanes + k
+            before, least, after = np.int32(totals[0, i - 1]), np.int32(totals[0, i]), np.int32(totals[0, i + 1])
+            confirmed = least <= at_right[0, end - c * cell_columns + k] + tolerance
+            known = (k == best[c]) & (k <= c * cell_columns) & confirmed & (margin[r, c] >= least_margin)
+            steep = max(max(before, after) - least, 1)
+            part = np.float32(before - after) / np.float32(2 * steep)
+            d_px[r, c] = np.float32(2) * (np.float32(k) + part) if known else np.float32(np.nan)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -274,3 +294,26 @@ def drop_speckles(d_px: Floats, step_px: float, cells: int, labels: NDArray[np.i
         for c in range(columns):
             if sizes[parents[r * columns + c]] < cells:
                 d_px[r, c] = np.nan
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def smooth(d_px: Floats, step_px: float, smoothed: Floats) -> None:
+    """See `reference.cells.smooth`."""
+    rows, columns = d_px.shape
+    step = np.float32(step_px)
+    smoothed[:] = d_px
+    for r in range(1, rows - 1):
+        above, here, below, into = d_px[r - 1], d_px[r], d_px[r + 1], smoothed[r]
+        for c in range(1, columns - 1):
+            d = here[c]
+            bend, n = np.float32(0), np.float32(1)
+            for a, b in (
+                (above[c - 1], below[c + 1]),
+                (above[c], below[c]),
+                (above[c + 1], below[c - 1]),
+                (here[c - 1], here[c + 1]),
+            ):
+                alike = (abs(a - d) <= step) & (abs(b - d) <= step)
+                bend += (a - d) + (b - d) if alike else np.float32(0)
+                n += np.float32(2) if alike else np.float32(0)
+            into[c] = d + bend / n

@@ -121,9 +121,17 @@ def _cheapest(path: NDArray[np.int64], p1: int, p2: int) -> NDArray[np.int64]:
 
 
 def choose(
-    costs: Bytes, sums: Bytes, p1: int, p2: int, cell_columns: int, tolerance: int, d_px: Floats, margin: Bytes
+    costs: Bytes,
+    sums: Bytes,
+    p1: int,
+    p2: int,
+    cell_columns: int,
+    tolerance: int,
+    least_margin: int,
+    d_px: Floats,
+    margin: Bytes,
 ) -> None:
-    """Add the fourth path, from below; write each cell's disparity, and by how much it beats lanes that are no neighbours.
+    """Add the fourth path, from below; write each cell's disparity, and by how much it beats all but its neighbours.
 
     Parameters
     ----------
@@ -135,9 +143,11 @@ def choose(
         Half-resolution columns of a cell, 2 or 4.
     tolerance
         A cell is confirmed if no cell matches its partner in the right image better by more than this.
+    least_margin
+        A cell that beats the others by less is unknown.
     d_px
         (cell rows, cell columns), written: disparity in full-resolution pixels, NaN where the best lane is the first or
-        last, reaches out of the right image, or is not confirmed.
+        last, reaches out of the right image, is not confirmed, or has too small a margin.
     margin
         (cell rows, cell columns), written: second best (at least 2 lanes away) less best.
     """
@@ -154,7 +164,7 @@ def choose(
         margin[r, c] = others.min(initial=TOP) - total[k]
         d_px[r, c] = np.nan
         confirmed = total[k] - tolerance <= at_right[r, c * cell_columns + lanes - 1 - k]
-        if 0 < k < lanes - 1 and k <= c * cell_columns and confirmed:
+        if 0 < k < lanes - 1 and k <= c * cell_columns and confirmed and margin[r, c] >= least_margin:
             d_px[r, c] = 2 * (k + refine(total[k - 1], total[k], total[k + 1]))
 
 
@@ -218,3 +228,32 @@ def _root(parents: NDArray[np.int32], cell: int) -> int:
     while parents[cell] != cell:
         cell = int(parents[cell])
     return cell
+
+
+def smooth(d_px: Floats, step_px: float, smoothed: Floats) -> None:
+    """Write the mean of each cell and those of its 8 neighbours that lie on its surface.
+
+    Neighbours count in opposite pairs, so that a slope stays as it is; a pair counts if both differ from the cell by no
+    more than a step, so that edges stay. Cells at the border, and unknown ones, stay as they are.
+
+    Parameters
+    ----------
+    d_px
+        (cell rows, cell columns) disparities, NaN unknown.
+    step_px
+        Largest difference on one surface.
+    smoothed
+        (cell rows, cell columns), written.
+    """
+    rows, columns = d_px.shape
+    smoothed[:] = d_px
+    if min(rows, columns) < 3:
+        return
+    middle = d_px[1:-1, 1:-1]
+    bend, n = np.zeros_like(middle), np.ones_like(middle)
+    for i, j in ((-1, -1), (-1, 0), (-1, 1), (0, -1)):
+        a, b = (d_px[1 + i * k : rows - 1 + i * k, 1 + j * k : columns - 1 + j * k] - middle for k in (1, -1))
+        alike = (abs(a) <= np.float32(step_px)) & (abs(b) <= np.float32(step_px))
+        bend += np.where(alike, a + b, np.float32(0))
+        n += np.float32(2) * alike
+    smoothed[1:-1, 1:-1] = middle + bend / n

@@ -18,12 +18,15 @@ class CellSettings(BaseModel):
 
     cell_width_px: Literal[4, 8] = Field(4, description="Width of a cell in full-resolution px; the height is 4.")
     disparities: Literal[64, 128, 256] = Field(128, description="Search range in full-resolution px.")
-    p1: int = Field(3, ge=0, le=127, description="Price of a change of disparity by 2 px from cell to cell.")
-    p2: int = Field(14, ge=0, le=127, description="Price of a larger change.")
-    tolerance: int = Field(0, ge=0, le=255, description="The right view may prefer another cell by this much.")
+    p1: int = Field(5, ge=0, le=127, description="Price of a change of disparity by 2 px from cell to cell.")
+    p2: int = Field(20, ge=0, le=127, description="Price of a larger change.")
+    tolerance: int = Field(2, ge=0, le=255, description="The right view may prefer another cell by this much.")
     margin: int = Field(0, ge=0, le=255, description="Cells whose winner beats the second best by less are unknown.")
     speckle_px2: int = Field(200, ge=0, description="Islands of less area, in full-resolution px, are dropped.")
     speckle_step_px: float = Field(4.0, ge=0, description="A larger step of disparity ends an island.")
+    smooth_step_px: float = Field(
+        2.0, ge=0, description="Neighbours on one surface differ by no more, and share a mean."
+    )
 
 
 class CellDisparities(NamedTuple):
@@ -76,12 +79,13 @@ class CellMatcher:
         kernels.cost_cells(self._left, self._turned, cell_columns, self._costs)
         prices = settings.p1, settings.p2
         kernels.sum_paths(self._costs, *prices, self._sums)
-        kernels.choose(self._costs, self._sums, *prices, cell_columns, settings.tolerance, self._d_px, self._margin)
+        limits = settings.tolerance, settings.margin
+        kernels.choose(self._costs, self._sums, *prices, cell_columns, *limits, self._d_px, self._margin)
         kernels.measure_texture(left, cell_columns, self._texture)
-        self._d_px[self._margin < settings.margin] = np.nan
         smallest = -(-settings.speckle_px2 // (settings.cell_width_px * 4))
         kernels.drop_speckles(self._d_px, settings.speckle_step_px, smallest, self._labels)
-        return CellDisparities(self._d_px, self._margin, self._texture, settings.cell_width_px, 4)
+        kernels.smooth(self._d_px, settings.smooth_step_px, self._smooth)
+        return CellDisparities(self._smooth, self._margin, self._texture, settings.cell_width_px, 4)
 
     def _allocate(self, height: int, width: int) -> None:
         lanes = self.settings.disparities // 2
@@ -92,7 +96,14 @@ class CellMatcher:
         self._costs = np.empty((rows, columns, lanes), np.uint8)
         self._sums = np.empty_like(self._costs)
         self._d_px = np.empty((rows, columns), np.float32)
+        self._smooth = np.empty_like(self._d_px)
         self._margin = np.empty((rows, columns), np.uint8)
         self._texture = np.empty_like(self._margin)
         self._labels = np.empty((2, rows * columns), np.int32)
         self._shape = (height, width)
+
+
+def warm(settings: CellSettings) -> None:
+    """Compile every kernel that these settings need, or read them from numba's cache, on a pair of blank images."""
+    blank = np.zeros((8, 64), np.uint8)
+    CellMatcher(settings)(blank, blank)
