@@ -1,5 +1,11 @@
 """The compiled cell kernels against their readable definitions: the same bits, on crooked and degenerate inputs."""
 
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -115,3 +121,22 @@ def test_smoothing(shape: tuple[int, int], known: float) -> None:
     compiled.smooth(d_px, 1.5, fast)
     reference.smooth(d_px, 1.5, slow)
     np.testing.assert_array_equal(fast, slow)
+
+
+TARGETS = {
+    "avx2": ("haswell", "+avx2,+avx,+bmi,+popcnt,+sse4.2,+sse4.1,+ssse3,+sse3"),
+    "sse2": ("x86-64", "+sse2"),
+}
+
+
+@pytest.mark.skipif(platform.machine().lower() not in ("x86_64", "amd64"), reason="these are targets of x86-64")
+@pytest.mark.parametrize("target", TARGETS)
+def test_forced_targets(target: str, tmp_path: Path) -> None:
+    """The same tests in a process whose compiler takes the processor for a lesser one; a few shapes, 64 lanes."""
+    cpu, features = TARGETS[target]
+    forced = {"NUMBA_CPU_NAME": cpu, "NUMBA_CPU_FEATURES": features, "NUMBA_CACHE_DIR": str(tmp_path)}
+    chosen = "(shape0 or shape3) and not forced and not 32 and not 128"
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", chosen, __file__]
+    done = subprocess.run(command, env=os.environ | forced, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert " passed" in done.stdout

@@ -224,7 +224,7 @@ def _choose(costs, sums, price1, price2, cell_columns, tolerance, least_margin, 
         # What is left are pixels to whose totals no later cell adds.
         simd.store(at_right, 0, 0, seen)
         for c in range(columns):
-            k = min(max(np.int64(best[c]), 1), lanes - 2)
+            k = np.int64(min(max(best[c], 1), lanes - 2))
             i = c * lanes + k
             before, least, after = np.int32(totals[0, i - 1]), np.int32(totals[0, i]), np.int32(totals[0, i + 1])
             confirmed = least <= at_right[0, end - c * cell_columns + k] + tolerance

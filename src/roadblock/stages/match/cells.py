@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from roadblock.errors import ValueRefusedError
 from roadblock.kernels.compiled import cells as kernels
 from roadblock.kernels.reference.cells import CELL_ROWS
 from roadblock.stages.match.settings import Gray
@@ -69,7 +70,17 @@ class CellMatcher:
         Returns
         -------
         (rows // 2, columns // 2 or 4) cells; rows and columns left over are not matched.
+
+        Raises
+        ------
+        ValueRefusedError
+            If the images are not 2-D uint8 arrays of one shape, contiguous in memory.
         """
+        for image in (left, right):
+            # Kernels trust their inputs, so this is where a wrong one stops.
+            if image.ndim != 2 or image.dtype != np.uint8 or image.shape != left.shape or not image.flags.c_contiguous:
+                got = f"{left.dtype} {left.shape} and {right.dtype} {right.shape}"
+                raise ValueRefusedError(f"cells need contiguous 8-bit grey images of one shape, but got {got}")
         settings, cell_columns = self.settings, self.settings.cell_width_px // 2
         if left.shape != self._shape:
             self._allocate(*left.shape)
