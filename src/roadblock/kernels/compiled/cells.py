@@ -224,13 +224,15 @@ def _choose(costs, sums, price1, price2, cell_columns, tolerance, least_margin, 
         # What is left are pixels to whose totals no later cell adds.
         simd.store(at_right, 0, 0, seen)
         for c in range(columns):
-            k = np.int64(min(max(best[c], 1), lanes - 2))
+            k = np.int64(best[c])
+            inside = 0 < k < lanes - 1
+            k = k if inside else np.int64(1)
             i = c * lanes + k
             before, least, after = np.int32(totals[0, i - 1]), np.int32(totals[0, i]), np.int32(totals[0, i + 1])
             confirmed = least <= at_right[0, end - c * cell_columns + k] + tolerance
-            known = (k == best[c]) & (k <= c * cell_columns) & confirmed & (margin[r, c] >= least_margin)
-            steep = max(max(before, after) - least, 1)
-            part = np.float32(before - after) / np.float32(2 * steep)
+            known = inside & (k <= c * cell_columns) & confirmed & (margin[r, c] >= least_margin)
+            steep = np.float32(max(max(before, after) - least, 1))
+            part = np.float32(before - after) / (np.float32(2) * steep)
             d_px[r, c] = np.float32(2) * (np.float32(k) + part) if known else np.float32(np.nan)
 
 
