@@ -231,8 +231,9 @@ def _choose(costs, sums, price1, price2, cell_columns, tolerance, least_margin, 
             before, least, after = np.int32(totals[0, i - 1]), np.int32(totals[0, i]), np.int32(totals[0, i + 1])
             confirmed = least <= at_right[0, end - c * cell_columns + k] + tolerance
             known = inside & (k <= c * cell_columns) & confirmed & (margin[r, c] >= least_margin)
-            steep = np.float32(max(max(before, after) - least, 1))
-            part = np.float32(before - after) / (np.float32(2) * steep)
+            steeper = before if before > after else after
+            steep = steeper - least if steeper > least else np.int32(1)
+            part = np.float32(before - after) / np.float32(2 * steep)
             d_px[r, c] = np.float32(2) * (np.float32(k) + part) if known else np.float32(np.nan)
 
 
