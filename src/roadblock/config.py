@@ -17,6 +17,7 @@ from roadblock.stages.health import HealthSettings
 from roadblock.stages.match import MatchSettings
 from roadblock.stages.mono import MonoSettings
 from roadblock.stages.rectify import RectifySettings
+from roadblock.stages.refine import RefineSettings
 from roadblock.stages.segment import SegmentSettings
 
 
@@ -30,6 +31,7 @@ class Settings(BaseModel):
     match: MatchSettings = MatchSettings()
     ground: GroundSettings = GroundSettings()
     segment: SegmentSettings = SegmentSettings()
+    refine: RefineSettings = RefineSettings()
     bands: BandsSettings = BandsSettings()
     mono: MonoSettings = MonoSettings()
     health: HealthSettings = HealthSettings()

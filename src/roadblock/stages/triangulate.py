@@ -40,9 +40,12 @@ def locate(
     The obstacle; its length is NaN where its depth does not stand out of the noise of the disparities. What the
     calibration does to it is unknown yet: see `add_calibration_error`.
     """
-    points = triangulate(rectification, region.surface_uvd_px)
+    surface, sigma_d_px = measured_surface(region)
+    points = triangulate(rectification, surface)
     x, y, z = points.T
     range_m = float(np.percentile(z, NEAREST_FACE_PERCENT))
+    if region.refined is not None:
+        range_m = rectification.f_px * rectification.baseline_m / region.refined.nearest_d_px
     face = points[np.argsort(z)[: max(1, round(0.3 * len(z)))]]
     left, right = np.percentile(x, [1, 99])
     middle_x = float((np.percentile(face[:, 0], 1) + np.percentile(face[:, 0], 99)) / 2)
@@ -59,10 +62,10 @@ def locate(
             d_px,
         ]
     )
-    cov_uvd = np.diag([1.0, 1.0, region.sigma_d_px**2])
+    cov_uvd = np.diag([1.0, 1.0, sigma_d_px**2])
     T = vehicle_from_car(T_vehicle_car)
     J = T[:3, :3] @ triangulate_jacobian(rectification, uvd)
-    sigma_m = range_m / d_px * region.sigma_d_px
+    sigma_m = range_m / d_px * sigma_d_px
     depth = float(np.percentile(z, 95) - range_m)
     return Obstacle(
         position_m=transform(T, foot),
@@ -76,6 +79,15 @@ def locate(
         contour_px=region.contour_px,
         color=color,
     )
+
+
+def measured_surface(region: Region) -> tuple[FloatArray, float]:
+    """Return (m, 3) the surface's samples, moved to the refined mean where there is one, and the sigma of the range."""
+    if region.refined is None:
+        return region.surface_uvd_px, region.sigma_d_px
+    shift = np.array([0.0, 0.0, region.refined.moved_px])
+    moved = region.surface_uvd_px + shift
+    return np.where(moved[:, 2:] > 0, moved, region.surface_uvd_px), region.refined.sigma_nearest_d_px
 
 
 def add_calibration_error(

@@ -98,6 +98,44 @@ class FreeSpace:
         object.__setattr__(self, "range_m", numbers("range_m", self.range_m, (len(self.u_px),)))
 
 
+@dataclass(frozen=True)
+class Refinement:
+    """What least squares over all pixels of a region measured at full resolution.
+
+    Attributes
+    ----------
+    mean_d_px, sigma_mean_d_px
+        Disparity of the mean visible surface, that is of its mean forward distance, and its standard deviation, pixels.
+    nearest_d_px, sigma_nearest_d_px
+        Disparity of the nearest visible face (10th percentile of the forward distance) and its standard deviation,
+        pixels. Both sigmas are from the images alone (noise, and what noise does not explain); nothing of the
+        calibration is in them.
+    moved_px
+        How far the mean is from the detector's, pixels.
+    residual
+        Root mean square difference of both images in the region after the fit, grey levels.
+    used
+        Share of its pixels that the fit explains, 0..1.
+
+    Raises
+    ------
+    ValueRefusedError
+        If a disparity or a sigma is not positive.
+    """
+
+    mean_d_px: float
+    sigma_mean_d_px: float
+    nearest_d_px: float
+    sigma_nearest_d_px: float
+    moved_px: float
+    residual: float
+    used: float
+
+    def __post_init__(self) -> None:
+        for name in ("mean_d_px", "sigma_mean_d_px", "nearest_d_px", "sigma_nearest_d_px"):
+            positive(name, getattr(self, name))
+
+
 @dataclass(frozen=True, eq=False)
 class Region:
     """One thing standing on the road, as the detector sees it in the rectified left image.
@@ -114,6 +152,8 @@ class Region:
         One standard deviation of the disparity of the whole region, pixels.
     color_rgb
         (3,) mean colour 0..255; NaN for grey cameras.
+    refined
+        Its disparity measured at full resolution; None where that was not done, or did not work out.
     """
 
     box_px: tuple[int, int, int, int]
@@ -121,6 +161,7 @@ class Region:
     surface_uvd_px: FloatArray
     sigma_d_px: float
     color_rgb: FloatArray
+    refined: Refinement | None = None
 
     def __post_init__(self) -> None:
         for name in ("contour_px", "surface_uvd_px", "color_rgb"):

@@ -1,0 +1,108 @@
+"""Refinement of regions whose shift is known by construction."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from stage_examples import TWIN
+
+from roadblock.errors import ValueRefusedError
+from roadblock.stages.refine import RefineSettings, refine
+from roadblock.stages.refine.measure import cell_size, noise_level
+from roadblock.values.frame import RectifiedPair
+from roadblock.values.scene import Refinement, Region
+
+HEIGHT, WIDTH = TWIN.size_px[1], TWIN.size_px[0]
+
+
+def texture(shift_px: float, seed: int = 0) -> np.ndarray:
+    """Return a band-limited texture that moves to the left by `shift_px`: a sum of waves, so exact at any place."""
+    rng = np.random.default_rng(seed)
+    v, u = np.mgrid[:HEIGHT, :WIDTH].astype(float)
+    image = np.full((HEIGHT, WIDTH), 120.0)
+    for _ in range(40):
+        across, down, phase = rng.uniform(-0.9, 0.9), rng.uniform(-0.9, 0.9), rng.uniform(0, 2 * np.pi)
+        image += 5 * np.cos(across * (u + shift_px) + down * v + phase)
+    return image
+
+
+def pair(d_px: float, gain: float = 1.0, offset: float = 0.0, noise: float = 1.0, seed: int = 0) -> RectifiedPair:
+    rng = np.random.default_rng(seed + 1)
+    left, right = texture(0.0, seed), gain * texture(d_px, seed) + offset
+    images = [
+        np.clip(np.rint(i + noise * rng.standard_normal(i.shape)), 0, 255).astype(np.uint8) for i in (left, right)
+    ]
+    return RectifiedPair(images[0], images[1], TWIN)
+
+
+def region(d_px: float, sigma_px: float = 0.4, cell: int = 4) -> Region:
+    """Return 10 x 8 cells about the middle of the image."""
+    u, v = np.meshgrid(36 + cell * np.arange(10) + (cell - 1) / 2, 16 + cell * np.arange(8) + (cell - 1) / 2)
+    uvd = np.stack([u.ravel(), v.ravel(), np.full(u.size, d_px)], -1)
+    return Region((36, 16, 76, 48), np.zeros((0, 2), np.int32), uvd, sigma_px, np.full(3, np.nan))
+
+
+@pytest.mark.parametrize("d_px", [4.0, 6.37, 9.81, 14.5])
+@pytest.mark.parametrize("off_px", [-1.7, 0.3, 1.9])
+def test_the_shift_is_found_whatever_the_start(d_px: float, off_px: float) -> None:
+    (found,) = refine(pair(d_px, 1.03, 2.0), [region(d_px + off_px)], RefineSettings())
+    assert found.refined is not None
+    assert found.refined.mean_d_px == pytest.approx(d_px, abs=0.03)
+    assert abs(found.refined.mean_d_px - d_px) < 4 * found.refined.sigma_mean_d_px
+    assert found.refined.moved_px == pytest.approx(d_px - d_px - off_px, abs=0.03)
+
+
+def test_off_is_off_and_nothing_is_nothing() -> None:
+    regions = (region(6.0),)
+    assert refine(pair(6.0), regions, RefineSettings(level="off")) == regions
+    assert refine(pair(6.0), (), RefineSettings()) == ()
+
+
+def test_what_the_detector_said_stays() -> None:
+    before = region(6.5)
+    (after,) = refine(pair(6.0), [before], RefineSettings())
+    np.testing.assert_array_equal(after.surface_uvd_px, before.surface_uvd_px)
+    assert (after.box_px, after.sigma_d_px) == (before.box_px, before.sigma_d_px)
+    assert before.refined is None
+
+
+def test_colour_and_sixteen_bit_are_measured_as_grey() -> None:
+    grey = pair(6.3)
+    colour = RectifiedPair(*(np.repeat(i[..., None], 3, -1) for i in (grey.left, grey.right)), TWIN)
+    deep = RectifiedPair(*(i.astype(np.uint16) * 257 for i in (grey.left, grey.right)), TWIN)
+    results = [refine(p, [region(6.0)], RefineSettings())[0].refined for p in (grey, colour, deep)]
+    assert results[0] == results[1] == results[2] is not None
+
+
+def test_without_texture_the_detector_s_value_is_kept() -> None:
+    rng = np.random.default_rng(3)
+    flat = [np.clip(120 + rng.standard_normal((HEIGHT, WIDTH)).round(), 0, 255).astype(np.uint8) for _ in range(2)]
+    (found,) = refine(RectifiedPair(*flat, TWIN), [region(6.0, 0.05)], RefineSettings())
+    assert found.refined is None
+
+
+def test_two_different_things_are_not_fitted() -> None:
+    other = RectifiedPair(pair(6.0).left, pair(6.0, seed=5).right, TWIN)
+    (found,) = refine(other, [region(6.0, 0.05)], RefineSettings())
+    assert found.refined is None
+
+
+def test_cells_are_as_wide_as_their_steps() -> None:
+    assert cell_size(region(5.0, cell=3).surface_uvd_px) == (3, 3)
+    assert cell_size(np.array([[3.5, 9.5, 1.0]])) == (1, 1)
+    assert cell_size(np.array([[3.5, 9.5, 1.0], [11.5, 9.5, 1.0]])) == (8, 8)
+
+
+def test_noise_is_measured_beside_texture() -> None:
+    rng = np.random.default_rng(0)
+    image = texture(0.0)
+    image[:, :40] = 100
+    noisy = np.clip(np.rint(image + 2.0 * rng.standard_normal(image.shape)), 0, 255).astype(np.uint8)
+    assert noise_level(noisy) == pytest.approx(2.0, rel=0.25)
+    assert noise_level(np.zeros((40, 40), np.uint8)) == 1.0
+
+
+def test_a_refinement_without_a_sigma_is_refused() -> None:
+    good = Refinement(5.0, 0.02, 5.1, 0.03, 0.4, 2.0, 0.9)
+    with pytest.raises(ValueRefusedError, match="sigma_nearest_d_px"):
+        replace(good, sigma_nearest_d_px=0.0)
