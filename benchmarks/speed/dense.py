@@ -16,10 +16,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from record import save
 
 from roadblock.config import load_settings
+from roadblock.kernels.gray import gray8
 from roadblock.pipeline import Pipeline
 from roadblock.sim.render import render
 from roadblock.sim.scene import demo_street, paper_rig
-from roadblock.stages.match import MatchSettings, gray8, match_bm, match_sgbm
+from roadblock.stages.match import MatchSettings, match_bm, match_sgbm
 
 
 def time_once(work: Callable[[], object]) -> float:

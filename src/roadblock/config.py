@@ -15,6 +15,7 @@ from roadblock.stages.bands import BandsSettings
 from roadblock.stages.ground import GroundSettings
 from roadblock.stages.health import HealthSettings
 from roadblock.stages.match import MatchSettings
+from roadblock.stages.match.cells import CellSettings
 from roadblock.stages.mono import MonoSettings
 from roadblock.stages.rectify import RectifySettings
 from roadblock.stages.refine import RefineSettings
@@ -26,9 +27,10 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    detector: str = Field("dense", description="Entry of DETECTORS, or package.module:factory.")
+    detector: str = Field("cells", description="Entry of DETECTORS, or package.module:factory.")
     rectify: RectifySettings = RectifySettings()
     match: MatchSettings = MatchSettings()
+    cells: CellSettings = CellSettings()
     ground: GroundSettings = GroundSettings()
     segment: SegmentSettings = SegmentSettings()
     refine: RefineSettings = RefineSettings()

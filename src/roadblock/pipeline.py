@@ -12,7 +12,7 @@ from roadblock.stages.health import judge, looks_swapped
 from roadblock.stages.recognize import name_color
 from roadblock.stages.rectify import plan_rectification, rectify
 from roadblock.stages.refine import refine
-from roadblock.stages.triangulate import add_calibration_error, locate
+from roadblock.stages.triangulate import add_calibration_error, locate_all
 from roadblock.values.camera import StereoRig
 from roadblock.values.frame import RectifiedPair, StereoPair
 from roadblock.values.scene import FrameResult
@@ -64,10 +64,8 @@ class Pipeline:
             matches = not math.isnan(found.matched_share)
             regions = refine(rectified, found.regions, self.settings.refine) if matches else found.regions
         with _timed(timings_ms, "triangulate"):
-            located = [
-                locate(region, self.rectification, found.ground, name_color(region.color_rgb), self.rig.T_vehicle_car)
-                for region in regions
-            ]
+            colors = [name_color(region.color_rgb) for region in regions]
+            located = locate_all(regions, self.rectification, found.ground, colors, self.rig.T_vehicle_car)
             obstacles = add_calibration_error(located, self.rectification, self.rig)
         health = judge(found, self.settings.health)
         if health.state != "ok" and looks_swapped(rectified):

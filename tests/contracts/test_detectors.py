@@ -26,7 +26,7 @@ OPTIONS = ("match.disparities=48", "match.block_px=5", "segment.area_px=100")
 TOLD = ("mono.height_m=1.3", "bands.camera_height_m=1.3", "bands.pitch_deg=2")
 """What is found by `dense` alone: one camera cannot tell its height, and the paper's method looks for no road."""
 
-RANGE_REL = {"dense": 0.05, "bands": 0.1, "mono_ground": 0.05, "mono_area": 0.2}
+RANGE_REL = {"cells": 0.05, "fast": 0.05, "dense": 0.05, "bands": 0.1, "mono_ground": 0.05, "mono_area": 0.2}
 """How far a crate's range may be off: `bands` sees only its silhouette, and its size is none that `mono_area` knows."""
 
 MONO = ("mono_ground", "mono_area")
@@ -177,7 +177,7 @@ def test_cameras_of_few_bits_see_the_same_obstacles(told: Settings, street: Rect
     assert found.ground is not None
     near, far = sorted(eight.regions, key=lambda r: -np.median(r.surface_uvd_px[:, 2]))[:2]
     for crate_seen in (near, far):
-        assert any(np.abs(np.subtract(r.box_px, crate_seen.box_px)).max() <= 5 for r in found.regions)
+        assert any(np.abs(np.subtract(r.box_px, crate_seen.box_px)).max() <= 8 for r in found.regions)
     assert abs(len(found.regions) - len(eight.regions)) <= 1
 
 
@@ -229,7 +229,7 @@ def test_noise_alone_is_no_road(settings: Settings) -> None:
     assert np.isnan(found.free_space.range_m).all()
 
 
-@pytest.mark.parametrize("option", ["match.matcher=sgbm", "match.matcher=bm", "segment.gap_cells=8"])
+@pytest.mark.parametrize("option", ["match.matcher=sgbm", "match.matcher=bm", "segment.gap_px=32"])
 @pytest.mark.parametrize("size", [(1, 1), (2, 1), (3, 5), (16, 16), (7, 90), (90, 3), (40, 60), (47, 33)])
 def test_tiny_images_do_not_crash(settings: Settings, size: tuple[int, int], option: str) -> None:
     rng = np.random.default_rng(1)
@@ -241,14 +241,14 @@ def test_tiny_images_do_not_crash(settings: Settings, size: tuple[int, int], opt
 
 
 def test_a_wall_before_the_bumper_is_reported_without_a_road(settings: Settings) -> None:
-    """By `dense`. The others know things by the road around them: without any they claim nothing, no way either."""
+    """By what matches the whole image. The others know things by the road around them, and claim nothing without."""
     noise = np.random.default_rng(2).normal(size=(183, 331 + 30)).astype(np.float32)
     wall = cv2.GaussianBlur(noise, (0, 0), 1.5)
     wall = np.clip(128 + wall * (50 / wall.std()), 0, 255).astype(np.uint8)
     given = pair(wall[:, :331].copy(), wall[:, 30:].copy())
     found = make_detector(settings)(given)
     check(found, given)
-    if settings.detector != "dense":
+    if settings.detector not in ("cells", "fast", "dense"):
         nothing_claimed(found)
         return
     assert found.ground is None
@@ -331,16 +331,17 @@ def test_its_own_refusal_passes(plugin: str) -> None:
         make_detector(Settings(detector=f"{plugin}:refuses"))
 
 
-@pytest.mark.parametrize("name", ["dence", "", "Dense", "os.system", "something else"])
+@pytest.mark.parametrize("name", ["cell", "", "Cells", "os.system", "something else"])
 def test_an_unknown_name_is_refused_and_the_nearest_is_named(name: str) -> None:
     """Or the default, where none is near."""
-    with pytest.raises(SettingsError, match="did you mean dense") as caught:
+    with pytest.raises(SettingsError, match="did you mean cells") as caught:
         make_detector(Settings(detector=name))
     assert "package.module:factory" in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("name", "nearest"), [("band", "bands"), ("mono_grund", "mono_ground"), ("mono-area", "mono_area")]
+    ("name", "nearest"),
+    [("dence", "dense"), ("band", "bands"), ("mono_grund", "mono_ground"), ("mono-area", "mono_area")],
 )
 def test_the_nearest_of_all_names_is_named(name: str, nearest: str) -> None:
     with pytest.raises(SettingsError, match=f"did you mean {nearest}\\?"):

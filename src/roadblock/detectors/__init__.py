@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 from roadblock.config import Settings
 from roadblock.detectors.bands import bands
+from roadblock.detectors.cells import cells, fast
 from roadblock.detectors.dense import dense
 from roadblock.detectors.mono import mono_area, mono_ground
 from roadblock.errors import SettingsError
@@ -17,6 +18,8 @@ from roadblock.values.scene import Detections
 
 Detector = Callable[[RectifiedPair], Detections]
 DETECTORS: dict[str, Callable[[Settings], Detector]] = {
+    "cells": cells,
+    "fast": fast,
     "dense": dense,
     "bands": bands,
     "mono_ground": mono_ground,

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from roadblock.config import Settings
+from roadblock.kernels.gray import gray8
 from roadblock.stages.bands import (
     BandsSettings,
     Ends,
@@ -20,7 +21,6 @@ from roadblock.stages.bands import (
     merged,
 )
 from roadblock.stages.bands.segmentation import HALF, Labels
-from roadblock.stages.match import gray8
 from roadblock.values.frame import Image, RectifiedPair
 from roadblock.values.scene import NEAREST_FACE_PERCENT, Detections, FreeSpace, GroundPlane, Region
 

@@ -26,17 +26,8 @@ def dense(settings: Settings) -> Callable[[RectifiedPair], Detections]:
         coarse, fine = to_cells(disparity, REGION_CELL_PX), to_cells(disparity, FREE_CELL_PX)
         ground = fit_ground(coarse, pair.rectification, settings.ground)
         clock.append(perf_counter())
-        free_space = find_free_space(
-            lift(fine, pair.rectification, ground), pair.rectification, ground, settings.segment
-        )
-        regions = find_regions(
-            lift(coarse, pair.rectification, ground),
-            pair.left,
-            pair.rectification,
-            ground,
-            disparity.sigma_px,
-            settings.segment,
-        )
+        free_space = find_free_space(lift(fine, pair.rectification, ground), ground, settings.segment)
+        regions = find_regions(lift(coarse, pair.rectification, ground), pair.left, ground, settings.segment)
         clock.append(perf_counter())
         spent_ms = (1e3 * np.diff(clock)).tolist()
         return Detections(

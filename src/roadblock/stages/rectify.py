@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveInt
 from roadblock.errors import RigError, SettingsError, SourceError
 from roadblock.geometry.projection import project, unproject
 from roadblock.geometry.stereo import rectifying_rotations
+from roadblock.kernels.gray import gray8
 from roadblock.values.camera import Camera, Rectification, StereoRig
 from roadblock.values.checks import LARGEST_IMAGE_PX, FloatArray
 from roadblock.values.frame import Image, RectifiedPair, StereoPair
@@ -115,10 +116,18 @@ def rectify(pair: StereoPair, rectification: Rectification, raw_size_px: tuple[i
             f"frame {pair.name}: images are {width}x{height}, but the rig is for {raw_size_px[0]}x{raw_size_px[1]}; "
             "give the rig of these images"
         )
-    left = _sample(pair.left, rectification.maps_left)
-    right = _sample(pair.right, rectification.maps_right)
-    return RectifiedPair(left, right, rectification, pair.index, pair.name, pair.t_ns)
+    r = rectification
+    about = (r, pair.index, pair.name, pair.t_ns)
+    maps_left, maps_right = r.maps_left, r.maps_right
+    if maps_left is None or maps_right is None or r.half_maps is None:
+        return RectifiedPair(pair.left, pair.right, *about)
+    u_left, v_left, u_right, v_right = r.half_maps
+    left, right = gray8(pair.left, pair.right)
+    half = _sample(left, (u_left, v_left)), _sample(right, (u_right, v_right))
+    return RectifiedPair.deferred(
+        lambda: _sample(pair.left, maps_left), lambda: _sample(pair.right, maps_right), half, *about
+    )
 
 
-def _sample(image: Image, maps: tuple[NDArray[np.float32], NDArray[np.float32]] | None) -> Image:
-    return image if maps is None else np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR))
+def _sample(image: Image, maps: tuple[NDArray[np.float32], NDArray[np.float32]]) -> Image:
+    return np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR))

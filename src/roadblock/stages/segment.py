@@ -5,26 +5,27 @@ Works on cells, so that a dense map (reduced by `to_cells`) and a matcher that t
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator
-from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from roadblock.geometry.stereo import image_from_car, triangulate
+from roadblock.geometry.stereo import triangulate
+from roadblock.kernels.compiled import street as kernels
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.frame import DisparityMap, Image
 from roadblock.values.scene import NEAREST_FACE_PERCENT, FreeSpace, GroundPlane, Region
 
-Mask = NDArray[np.bool_]
-Labels = NDArray[np.intp]
 ROAD_M = 0.2
 """What lies this close to the ground plane is road."""
 FOOT_M = 0.6
 """A column of a region that begins lower than this stands on the road itself; a higher one is an arm or a mirror."""
+ASIDE_PX = 4
+"""A column's free space also looks this far to either side."""
+NEAREST_SHARE = 0.15
+"""Free space ends at this share of the cells that stand together: the very nearest may be stray ones."""
+MOST_REGIONS = 1000
+"""Of one frame; further ones are dropped."""
 
 
 class SegmentSettings(BaseModel):
@@ -36,13 +37,13 @@ class SegmentSettings(BaseModel):
     overhead_m: float = Field(1.0, gt=0, description="What begins higher than this hangs over the road.")
     reach_m: float = Field(60.0, gt=0, description="Nothing further away is reported.")
     link_m: float = Field(0.5, gt=0, description="Neighbours this close in range belong together, ...")
-    link_px: float = Field(0.6, gt=0, description="... or this close in disparity.")
-    gap_cells: int = Field(3, ge=1, le=8, description="Holes smaller than this are bridged.")
+    link_px: float = Field(0.4, gt=0, description="... or this close in disparity.")
+    gap_px: int = Field(8, ge=1, le=64, description="Holes smaller than this are bridged.")
     split_m: float = Field(8.0, ge=0.5, description="What is longer in depth (hedges, rails) is cut into pieces.")
     area_px: float = Field(250.0, ge=0, description="Smaller regions are dropped.")
     locking_px: float = Field(0.25, gt=0, description="Disparity error a whole region shares (pixel locking).")
     free_height_m: tuple[float, float] = Field((0.25, 2.5), description="Heights that end free space.")
-    free_support: int = Field(8, ge=1, description="Cells that end a column's free space.")
+    free_area_px: float = Field(32.0, gt=0, description="Area of the cells that end a column's free space.")
     free_gap_m: float = Field(1.0, gt=0, description="A hole that could hide this height ends free space.")
 
     @field_validator("height_m", "free_height_m")
@@ -55,12 +56,29 @@ class SegmentSettings(BaseModel):
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The cells of a frame in space: `uvd` (rows, columns, 3) px, `points` car frame m, `height_m` over the road."""
+    """The cells of a frame in space.
 
-    uvd: FloatArray
-    points: FloatArray
-    height_m: FloatArray
-    cell_px: int
+    Attributes
+    ----------
+    disparity
+        (rows, columns), as matched.
+    rectification
+        The twin cameras.
+    z_m
+        (rows, columns) float32 forward distance, metres; NaN where unknown.
+    height_m
+        (rows, columns) float32 height over the road; NaN where unknown, and everywhere without a road.
+    """
+
+    disparity: DisparityMap
+    rectification: Rectification
+    z_m: NDArray[np.float32]
+    height_m: NDArray[np.float32]
+
+    @property
+    def points(self) -> FloatArray:
+        """(rows, columns, 3) of every cell in the car frame, metres."""
+        return triangulate(self.rectification, self.disparity.uvd_px)
 
 
 def to_cells(disparity: DisparityMap, cell_px: int) -> DisparityMap:
@@ -78,81 +96,50 @@ def to_cells(disparity: DisparityMap, cell_px: int) -> DisparityMap:
 
 def lift(disparity: DisparityMap, rectification: Rectification, ground: GroundPlane | None) -> Surface:
     """Put every cell in space. Without a ground, heights are NaN."""
-    uvd = disparity.uvd_px
-    points = triangulate(rectification, uvd)
-    height_m = np.full(points.shape[:2], np.nan) if ground is None else ground.height_of(points)
-    return Surface(uvd, points, height_m, disparity.cell_px)
+    r, d_px = rectification, disparity.d_px
+    z_m, height_m = np.empty_like(d_px), np.empty_like(d_px)
+    road = np.full(5, np.nan) if ground is None else np.array([*ground.normal, ground.height_m, ground.bend_per_m])
+    twin = np.array([r.f_px, r.cx_px, r.cy_px, r.baseline_m])
+    kernels.raise_cells(d_px, disparity.cell_px, disparity.cell_height_px, twin, road, z_m, height_m)
+    return Surface(disparity, r, z_m, height_m)
 
 
-def find_free_space(
-    surface: Surface, rectification: Rectification, ground: GroundPlane | None, settings: SegmentSettings
-) -> FreeSpace:
+def find_free_space(surface: Surface, ground: GroundPlane | None, settings: SegmentSettings) -> FreeSpace:
     """Return how far the road is known to be free, per column of cells.
 
-    A column ends at the first range where `free_support` cells (of it and two neighbours on either side) stand close
-    together, or where the road was last seen, or before a hole that could hide something of `free_gap_m`. NaN where
-    none of these was observed, and everywhere without a ground.
+    A column ends at the first range where cells of `free_area_px` (of it and its neighbours) stand close together, or
+    where the road was last seen, or before a hole that could hide something of `free_gap_m`. NaN where none of these
+    was observed, and everywhere without a ground.
     """
-    columns = surface.uvd.shape[1]
-    u_px = surface.cell_px * np.arange(columns, dtype=float) + (surface.cell_px - 1) / 2
-    if ground is None:
-        return FreeSpace(u_px, np.full(len(u_px), np.nan))
-    z, h = surface.points[..., 2], surface.height_m
-    low, high = settings.free_height_m
-    with np.errstate(invalid="ignore"):
-        standing = np.sort(_neighbourhood(np.where((h > low) & (h < high), z, np.inf)), axis=1)
-        road = np.sort(_neighbourhood(np.where(np.abs(h) < ROAD_M, z, -np.inf)), axis=1)
-        k = min(settings.free_support, standing.shape[1])
-        first, last = standing[:, : 1 - k or None], standing[:, k - 1 :]
-        supported = last - first <= np.maximum(0.5, 0.05 * first)
-    column = np.arange(columns)
-    # The second of the supporting cells: the first may be a stray one.
-    obstacle = np.where(supported.any(1), standing[column, supported.argmax(1) + min(1, k - 1)], np.inf)
-    seen = np.where(road[:, -4] > 0, road[:, -4], np.nan)
-    range_m = np.where(np.isfinite(obstacle), obstacle, seen)
-    hole = _first_hole(surface, rectification, ground, settings.free_gap_m)
+    disparity, r = surface.disparity, surface.rectification
+    w, h = disparity.cell_px, disparity.cell_height_px
+    rows, columns = disparity.d_px.shape
+    u_px = w * np.arange(columns, dtype=float) + (w - 1) / 2
+    range_m = np.full(columns, np.nan)
+    if ground is None or rows == 0:
+        return FreeSpace(u_px, range_m)
+    aside = round(ASIDE_PX / w)
+    support = min(max(1, round(settings.free_area_px / (w * h))), rows * (2 * aside + 1))
+    heights = np.array([*settings.free_height_m, ROAD_M])
+    fb = r.f_px * r.baseline_m
+    kernels.measure_free(
+        disparity.d_px, surface.z_m, surface.height_m, fb, heights, support, aside, NEAREST_SHARE, range_m
+    )
+    hole = np.empty(columns)
+    kernels.find_holes(surface.height_m, _road_ranges(surface, ground), h, settings.free_gap_m * r.f_px, hole)
     return FreeSpace(u_px, np.where(hole < range_m, np.where(hole > 0, hole, np.nan), range_m))
 
 
-def _neighbourhood(values: FloatArray) -> FloatArray:
-    """Return (columns, 5 * rows): each column with two neighbours on either side."""
-    padded = np.pad(values, ((0, 0), (2, 2)), mode="edge")
-    return np.concatenate([padded[:, i : i + values.shape[1]] for i in range(5)], axis=0).T
-
-
-def _first_hole(surface: Surface, r: Rectification, ground: GroundPlane, gap_m: float) -> FloatArray:
-    """Return per column the range where a hole begins that could hide something `gap_m` tall; inf where none.
-
-    0 where the hole begins at the image's lower border: nothing is known there.
-    """
-    rows, columns = surface.height_m.shape
-    seen = np.any(np.isfinite(_neighbourhood(surface.height_m)).reshape(columns, 5, rows), axis=1, keepdims=True)[
-        :, 0
-    ].T
-    rays = (surface.uvd[:, 0, 1] - r.cy_px) / r.f_px
+def _road_ranges(surface: Surface, ground: GroundPlane) -> FloatArray:
+    """Return the range at which each row of cells sees the road; infinity from the horizon upwards."""
+    r, h = surface.rectification, surface.disparity.cell_height_px
+    rays = (h * np.arange(len(surface.z_m)) + (h - 1) / 2 - r.cy_px) / r.f_px
     slope = -ground.normal[1] * rays - ground.normal[2]
-    road_m = np.where(slope > 0, ground.height_m / np.maximum(slope, 1e-9), np.inf)
-    hole = np.full(columns, np.inf)
-    length, begin = np.zeros(columns), np.zeros(columns)
-    below_m = 0.0
-    for row in range(rows - 1, -1, -1):
-        if not np.isfinite(road_m[row]):
-            break
-        begin = np.where(length == 0, below_m, begin)
-        length = np.where(seen[row], 0, length + surface.cell_px)
-        hides = np.asarray(length * np.maximum(begin, road_m[-1]) >= gap_m * r.f_px)
-        hole = np.where(hides & np.isinf(hole), begin, hole)
-        below_m = road_m[row]
-    return hole
+    return np.where(slope > 0, ground.height_m / np.maximum(slope, 1e-9), np.inf)
 
 
 def find_regions(
-    surface: Surface,
-    image: Image,
-    rectification: Rectification,
-    ground: GroundPlane | None,
-    sigma_px: float,
-    settings: SegmentSettings,
+    surface: Surface, image: Image, ground: GroundPlane | None, settings: SegmentSettings
 ) -> tuple[Region, ...]:
     """Group the cells that stand on the road.
 
@@ -162,159 +149,87 @@ def find_regions(
         The cells in space.
     image
         Rectified left image, for the colour.
-    rectification, ground
-        The twin cameras and the road; without a road, everything in reach counts.
-    sigma_px
-        Noise of one cell's disparity, for regions too thin to show it themselves.
+    ground
+        The road; without one, everything in reach counts.
     settings
         What belongs together.
 
     Returns
     -------
-    Regions whose lowest cell is near the road; things hanging over it and specks are left out, and so is what is
-    seen through a nearer region.
+    Regions whose lowest cell is near the road, nearest first; things hanging over it and specks are left out, and so
+    is what is seen through a nearer region.
     """
-    z, h = surface.points[..., 2], surface.height_m
-    low, high = settings.height_m
-    with np.errstate(invalid="ignore"):
-        stands = z < settings.reach_m
-        if ground is not None:
-            stands &= (h > low) & (h < high)
-    if not stands.any():
+    disparity, r = surface.disparity, surface.rectification
+    w, h, d_px = disparity.cell_px, disparity.cell_height_px, disparity.d_px
+    columns = d_px.shape[1]
+    parent = np.empty(d_px.size, np.int32)
+    limits = np.array([settings.reach_m, *settings.height_m])
+    links = np.array([settings.link_m, settings.link_px])
+    kernels.link(d_px, surface.z_m, surface.height_m, limits, links, settings.gap_px // w, settings.gap_px // h, parent)
+    cells, bounds = np.empty(d_px.size, np.int32), np.empty(MOST_REGIONS + 1, np.int32)
+    nearest = np.empty(MOST_REGIONS)
+    found = kernels.gather_pieces(
+        parent,
+        surface.z_m,
+        surface.height_m,
+        r.f_px * r.baseline_m,
+        int(np.ceil(settings.area_px / (w * h))),
+        np.nan if ground is None else settings.overhead_m,
+        settings.split_m,
+        NEAREST_FACE_PERCENT / 100,
+        cells,
+        bounds,
+        nearest,
+    )
+    if found == 0:
         return ()
-    labels = _link(stands, z, surface.uvd[..., 2], settings)
-    cells = [
-        piece
-        for label, box in enumerate(ndimage.find_objects(labels), 1)
-        for piece in _cut(*_cells_of(labels, label, box), z, rectification, settings)
-        if len(piece[0]) * surface.cell_px**2 >= settings.area_px
-        and (ground is None or h[piece].min() < settings.overhead_m)
-    ]
-    cells.sort(key=lambda piece: float(np.percentile(z[piece], NEAREST_FACE_PERCENT)))
-    regions: list[Region] = []
-    for piece in cells:
-        region = _region(piece, surface, image, rectification, ground, sigma_px, settings)
-        if not any(_shows_through(region, nearer, surface.cell_px) for nearer in regions):
-            regions.append(region)
-    return tuple(regions)
-
-
-Cells = tuple[NDArray[np.intp], NDArray[np.intp]]
-
-
-def _cells_of(labels: Labels, label: int, box: tuple[slice, ...]) -> Cells:
-    rows, columns = np.nonzero(labels[box] == label)
-    return rows + box[0].start, columns + box[1].start
-
-
-def _link(stands: Mask, z: FloatArray, d_px: FloatArray, settings: SegmentSettings) -> Labels:
-    """Give one number to cells joined by neighbours of like range or disparity, across small holes; 0 = none."""
-    rows, columns = stands.shape
-    number = np.arange(stands.size).reshape(stands.shape)
-    pairs = []
-    straight = range(1, settings.gap_cells + 1)
-    for dv, du in [(0, k) for k in straight] + [(k, 0) for k in straight] + [(1, 1), (1, -1)]:
-        a = (slice(0, max(0, rows - dv)), slice(max(0, -du), max(0, columns - max(0, du))))
-        b = (slice(dv, rows), slice(max(0, du), max(0, columns + min(0, du))))
-        with np.errstate(invalid="ignore"):
-            near = np.abs(z[a] - z[b]) < settings.link_m
-            near |= np.abs(d_px[a] - d_px[b]) < settings.link_px
-        joined = near & stands[a] & stands[b]
-        pairs.append(np.stack([number[a][joined], number[b][joined]]))
-    i, j = np.concatenate(pairs, 1)
-    graph = coo_array((np.ones(len(i), bool), (i, j)), shape=(stands.size, stands.size))
-    component = connected_components(graph, directed=False)[1].reshape(stands.shape)
-    used, labels = np.unique(np.where(stands, component + 1, 0), return_inverse=True)
-    return np.asarray(labels.reshape(stands.shape) + (0 if used[0] == 0 else 1))
-
-
-def _cut(
-    rows: NDArray[np.intp], columns: NDArray[np.intp], z: FloatArray, r: Rectification, settings: SegmentSettings
-) -> list[Cells]:
-    """Cut what is longer in depth than `split_m` into pieces, so that each has a range worth its name."""
-    depth = z[rows, columns]
-    near, far = np.percentile(depth, [5, 95])
-    noise_m = 2 * far**2 / (r.f_px * r.baseline_m)
-    pieces = int(max(0.0, far - near - noise_m) // settings.split_m) + 1
-    edges = np.geomspace(near, far, pieces + 1)[1:-1]
-    part = np.searchsorted(edges, depth, side="right")
-    return [(rows[part == i], columns[part == i]) for i in range(pieces) if (part == i).any()]
-
-
-def _region(
-    cells: Cells,
-    surface: Surface,
-    image: Image,
-    r: Rectification,
-    ground: GroundPlane | None,
-    sigma_px: float,
-    settings: SegmentSettings,
-) -> Region:
-    rows, columns = cells
-    c = surface.cell_px
-    u0, u1 = int(columns.min()) * c, int(columns.max() + 1) * c
-    v0, v1 = int(rows.min()) * c, int(rows.max() + 1) * c
+    boxes = np.empty((found, 4), np.int32)
+    kernels.measure_boxes(cells, bounds, found, columns, boxes)
+    boxes *= np.array([w, h, w, h], np.int32)
     if ground is not None:
-        v1 = max(v1, min(r.size_px[1], round(_road_row(surface.points[cells], r, ground)) + 1))
-    mask = _silhouette(cells, surface, v1 - v0)
-    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=(u0, v0))
-    patch = image[v0 : v0 + len(mask), u0:u1]
-    color = np.array(cv2.mean(patch, mask)[:3]) if image.ndim == 3 else np.full(3, np.nan)
-    if image.dtype == np.uint16:
-        color = color / 257
-    return Region(
-        box_px=(u0, v0, u1, v1),
-        contour_px=np.asarray(max(outlines, key=cv2.contourArea), np.int32).reshape(-1, 2),
-        surface_uvd_px=surface.uvd[cells],
-        sigma_d_px=float(np.hypot(settings.locking_px, _roughness_px(cells, surface, sigma_px))),
-        color_rgb=color,
+        boxes[:, 3] = np.maximum(boxes[:, 3], _road_rows(boxes, nearest[:found], r, ground))
+    order = np.argsort(nearest[:found])
+    kept = np.empty(found, bool)
+    kernels.drop_hidden(boxes[order], (np.diff(bounds[: found + 1]) * w * h)[order], kept)
+    parent[:] = -1
+    pieces = [(boxes[i], cells[bounds[i] : bounds[i + 1]]) for i in order[kept]]
+    return tuple(
+        _region(box, piece, surface, image, parent, number, settings) for number, (box, piece) in enumerate(pieces)
     )
 
 
-def _roughness_px(cells: Cells, surface: Surface, unknown_px: float) -> float:
-    """Return the scatter of single cells about their neighbours, pixels; `unknown_px` where none has two.
-
-    Second differences, so that a slanted or evenly bent surface has none; the median, so that edges do not count. It
-    is not divided by the number of cells: the nearest face is a percentile, which scatter moves, not a mean.
-    """
-    rows, columns = cells[0] - cells[0].min() + 1, cells[1] - cells[1].min() + 1
-    d = np.full((rows.max() + 2, columns.max() + 2), np.nan)
-    d[rows, columns] = surface.uvd[cells][:, 2]
-    across = d[rows, columns] - (d[rows, columns - 1] + d[rows, columns + 1]) / 2
-    down = d[rows, columns] - (d[rows - 1, columns] + d[rows + 1, columns]) / 2
-    differences = np.concatenate([across, down])
-    differences = np.abs(differences[np.isfinite(differences)])
-    # A second difference of independent cells has 1.5 times their variance; 1.4826 makes a median a sigma.
-    return 1.4826 / np.sqrt(1.5) * float(np.median(differences)) if len(differences) else unknown_px
+def _road_rows(boxes: NDArray[np.int32], range_m: FloatArray, r: Rectification, ground: GroundPlane) -> FloatArray:
+    """Return the image row below which each nearest face stands on the road, within the image."""
+    x_m = ((boxes[:, 0] + boxes[:, 2] - 1) / 2 - r.cx_px) / r.f_px * range_m - r.baseline_m / 2
+    n_x, n_y, n_z = ground.normal
+    y_m = (n_x * x_m + n_z * range_m + ground.height_m - ground.bend_per_m * range_m**2) / -n_y
+    return np.asarray(np.clip(np.rint(y_m / range_m * r.f_px + r.cy_px) + 1, 0, r.size_px[1]))
 
 
-def _silhouette(cells: Cells, surface: Surface, height_px: int) -> NDArray[np.uint8]:
-    """Paint the cells; where they reach down to the least height that counts, the thing goes on to the road."""
-    rows, columns = cells[0] - cells[0].min(), cells[1] - cells[1].min()
-    c = surface.cell_px
-    mask = np.zeros((int(rows.max()) + 1, int(columns.max()) + 1), np.uint8)
-    mask[rows, columns] = 1
-    mask = np.kron(mask, np.ones((c, c), np.uint8))
-    mask = np.pad(mask, ((0, height_px - len(mask)), (0, 0)))
-    lowest = np.full(columns.max() + 1, np.inf)
-    np.minimum.at(lowest, columns, np.nan_to_num(surface.height_m[cells], nan=np.inf))
-    bottom = np.zeros(columns.max() + 1, int)
-    np.maximum.at(bottom, columns, (rows + 1) * c)
-    for column in np.flatnonzero(lowest < FOOT_M):
-        mask[bottom[column] :, column * c : (column + 1) * c] = 1
-    return mask
-
-
-def _road_row(points: FloatArray, r: Rectification, ground: GroundPlane) -> float:
-    """Return the image row where the nearest face meets the road."""
-    z = float(np.percentile(points[:, 2], NEAREST_FACE_PERCENT))
-    x = float(np.median(points[:, 0]))
-    return float(image_from_car(r, ground.point_below(x, z))[1])
-
-
-def _shows_through(region: Region, nearer: Region, cell_px: int) -> bool:
-    """Whether `region` lies inside `nearer`, which is solid: seen through its window, or a wrong patch on it."""
-    (a0, b0, a1, b1), (c0, d0, c1, d1) = region.box_px, nearer.box_px
-    common = max(0, min(a1, c1) - max(a0, c0)) * max(0, min(b1, d1) - max(b0, d0))
-    solid = len(nearer.surface_uvd_px) * cell_px**2 > 0.5 * (c1 - c0) * (d1 - d0)
-    return solid and common > 0.85 * (a1 - a0) * (b1 - b0)
+def _region(
+    box: NDArray[np.int32],
+    cells: NDArray[np.int32],
+    surface: Surface,
+    image: Image,
+    member: NDArray[np.int32],
+    number: int,
+    settings: SegmentSettings,
+) -> Region:
+    disparity = surface.disparity
+    d_px, w, h = disparity.d_px, disparity.cell_px, disparity.cell_height_px
+    uvd = np.empty((len(cells), 3))
+    outline = np.empty((2 * (box[2] - box[0]) // w + 2 * d_px.shape[1], 2), np.int32)
+    roughness_px, corners = kernels.describe(
+        d_px, surface.height_m, cells, w, h, FOOT_M, int(box[3]), member, number, uvd, outline
+    )
+    color = np.full(3, np.nan)
+    if image.ndim == 3:
+        color = kernels.mean_color(image, cells, d_px.shape[1], w, h) / (257 if image.dtype == np.uint16 else 1)
+    scatter_px = roughness_px if np.isfinite(roughness_px) else disparity.sigma_px
+    return Region(
+        box_px=tuple(box.tolist()),
+        contour_px=outline[:corners],
+        surface_uvd_px=uvd,
+        sigma_d_px=float(np.hypot(settings.locking_px, scatter_px)),
+        color_rgb=color,
+    )

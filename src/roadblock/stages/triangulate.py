@@ -8,6 +8,7 @@ import numpy as np
 from roadblock.geometry.pose import transform, vehicle_from_car
 from roadblock.geometry.stereo import triangulate, triangulate_jacobian
 from roadblock.geometry.uncertainty import calibration_cov
+from roadblock.kernels.compiled.street import measure_surfaces
 from roadblock.values.camera import Rectification, StereoRig
 from roadblock.values.checks import FloatArray
 from roadblock.values.scene import NEAREST_FACE_PERCENT, GroundPlane, Obstacle, Region
@@ -40,45 +41,66 @@ def locate(
     The obstacle; its length is NaN where its depth does not stand out of the noise of the disparities. What the
     calibration does to it is unknown yet: see `add_calibration_error`.
     """
-    surface, sigma_d_px = measured_surface(region)
-    points = triangulate(rectification, surface)
-    x, y, z = points.T
-    range_m = float(np.percentile(z, NEAREST_FACE_PERCENT))
-    if region.refined is not None:
-        range_m = rectification.f_px * rectification.baseline_m / region.refined.nearest_d_px
-    face = points[np.argsort(z)[: max(1, round(0.3 * len(z)))]]
-    left, right = np.percentile(x, [1, 99])
-    middle_x = float((np.percentile(face[:, 0], 1) + np.percentile(face[:, 0], 99)) / 2)
-    if ground is None:
-        foot, height = np.array([middle_x, y.max(), range_m]), float(np.ptp(y))
-    else:
-        foot, height = ground.point_below(middle_x, range_m), float(np.percentile(ground.height_of(points), 99))
-    scale = rectification.f_px / range_m
-    d_px = rectification.baseline_m * scale
-    uvd = np.array(
-        [
-            (middle_x + rectification.baseline_m / 2) * scale + rectification.cx_px,
-            np.median(region.surface_uvd_px[:, 1]),
-            d_px,
-        ]
-    )
-    cov_uvd = np.diag([1.0, 1.0, sigma_d_px**2])
+    return locate_all([region], rectification, ground, [color], T_vehicle_car)[0]
+
+
+def locate_all(
+    regions: Sequence[Region],
+    rectification: Rectification,
+    ground: GroundPlane | None,
+    colors: Sequence[str | None],
+    T_vehicle_car: FloatArray | None = None,
+) -> list[Obstacle]:
+    """Measure all regions of a frame at once; see `locate`."""
+    if not regions:
+        return []
+    r = rectification
+    surfaces, sigmas = zip(*map(measured_surface, regions), strict=True)
+    bounds = np.cumsum([0, *map(len, surfaces)]).astype(np.int32)
+    road = np.full(5, np.nan) if ground is None else np.array([*ground.normal, ground.height_m, ground.bend_per_m])
+    figures = np.empty((len(regions), 8))
+    twin = np.array([r.f_px, r.cx_px, r.cy_px, r.baseline_m])
+    measure_surfaces(np.concatenate(surfaces), bounds, twin, road, NEAREST_FACE_PERCENT / 100, figures)
+    range_m, far_m, left_m, right_m, middle_m, v_px, height_m, lowest_m = figures.T
+    for i, region in enumerate(regions):
+        if region.refined is not None:
+            range_m[i] = r.f_px * r.baseline_m / region.refined.nearest_d_px
+    feet = np.stack([middle_m, lowest_m if ground is None else _road_below(ground, middle_m, range_m), range_m], -1)
+    scale = r.f_px / range_m
+    sigma_d_px = np.array(sigmas)
+    uvd = np.stack([(middle_m + r.baseline_m / 2) * scale + r.cx_px, v_px, r.baseline_m * scale], -1)
+    cov_uvd = np.zeros((len(regions), 3, 3))
+    cov_uvd[:, [0, 1], [0, 1]] = 1.0
+    cov_uvd[:, 2, 2] = sigma_d_px**2
     T = vehicle_from_car(T_vehicle_car)
-    J = T[:3, :3] @ triangulate_jacobian(rectification, uvd)
-    sigma_m = range_m / d_px * sigma_d_px
-    depth = float(np.percentile(z, 95) - range_m)
-    return Obstacle(
-        position_m=transform(T, foot),
-        range_m=range_m,
-        range_sigma_m=sigma_m,
-        size_m=np.array([max(right - left, 1 / scale), height, depth if depth > max(0.5, 3 * sigma_m) else np.nan]),
-        uvd_px=uvd,
-        cov_uvd_px2=cov_uvd,
-        cov_match_m2=J @ cov_uvd @ J.T,
-        box_px=region.box_px,
-        contour_px=region.contour_px,
-        color=color,
-    )
+    J = T[:3, :3] @ triangulate_jacobian(r, uvd)
+    cov_m2 = J @ cov_uvd @ J.swapaxes(1, 2)
+    sigma_m = range_m / uvd[:, 2] * sigma_d_px
+    depth_m = far_m - range_m
+    length_m = np.where(depth_m > np.maximum(0.5, 3 * sigma_m), depth_m, np.nan)
+    sizes_m = np.stack([np.maximum(right_m - left_m, 1 / scale), height_m, length_m], -1)
+    positions_m = transform(T, feet)
+    return [
+        Obstacle(
+            position_m=positions_m[i],
+            range_m=float(range_m[i]),
+            range_sigma_m=float(sigma_m[i]),
+            size_m=sizes_m[i],
+            uvd_px=uvd[i],
+            cov_uvd_px2=cov_uvd[i],
+            cov_match_m2=cov_m2[i],
+            box_px=region.box_px,
+            contour_px=region.contour_px,
+            color=colors[i],
+        )
+        for i, region in enumerate(regions)
+    ]
+
+
+def _road_below(ground: GroundPlane, x_m: FloatArray, z_m: FloatArray) -> FloatArray:
+    """Return y of the road at each (x, z), car frame, metres."""
+    n_x, n_y, n_z = ground.normal
+    return np.asarray((n_x * x_m + n_z * z_m + ground.height_m - ground.bend_per_m * z_m**2) / -n_y)
 
 
 def measured_surface(region: Region) -> tuple[FloatArray, float]:

@@ -246,6 +246,9 @@ class Rectification:
     maps_left, maps_right
         (map_u, map_v) float32 of the rectified size, raw pixel positions to sample, NaN-free (far outside
         the image where the lens sees nothing); None where the images are already rectified.
+    half_maps
+        (left's map_u, map_v, right's map_u, map_v) likewise, straight to half the size (rounded down), whose pixel
+        (u, v) sits on (2u + 0.5, 2v + 0.5); None where there are no maps.
 
     Raises
     ------
@@ -262,6 +265,7 @@ class Rectification:
     R_rect_right: FloatArray = field(default_factory=lambda: np.eye(3))
     maps_left: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
     maps_right: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
+    half_maps: tuple[NDArray[np.float32], ...] | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         for name in ("f_px", "baseline_m"):
@@ -280,3 +284,12 @@ class Rectification:
                         + ", ".join(f"{m.dtype} {m.shape}" for m in maps)
                     )
                 object.__setattr__(self, name, tuple(map(locked, maps)))
+        if self.maps_left is not None and self.maps_right is not None:
+            object.__setattr__(self, "half_maps", tuple(_halved(m) for m in (*self.maps_left, *self.maps_right)))
+
+
+def _halved(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the means of 2x2 blocks."""
+    rows, columns = (n // 2 for n in values.shape)
+    blocks = values[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2)
+    return np.asarray(locked(blocks.mean(axis=(1, 3), dtype=np.float32)))

@@ -1,7 +1,9 @@
 """What one moment brings: the image pair, raw and rectified, and the disparity map."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +12,7 @@ from roadblock.errors import ValueRefusedError
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray, finite, locked
 
+Gray = NDArray[np.uint8]
 Image = NDArray[Any]
 """(height, width) grey or (height, width, 3) RGB; uint8 or uint16."""
 
@@ -69,14 +72,16 @@ class StereoPair:
         object.__setattr__(self, "right", right)
 
 
-@dataclass(frozen=True, eq=False)
 class RectifiedPair:
     """A pair whose rows are epipolar lines. A type of its own, so that raw images cannot reach a matcher.
 
     Attributes
     ----------
     left, right
-        Rectified `Image`s.
+        Rectified `Image`s, read-only.
+    half
+        (left, right) grey 8 bit images of half the size, whose pixels are means of 2x2 full ones; None if nobody
+        made them. What looks at half the resolution only never pays for the full one: see `deferred`.
     rectification
         The twin cameras they belong to.
     index, name, t_ns
@@ -88,22 +93,46 @@ class RectifiedPair:
         If the images are no pair, or not of the rectification's size.
     """
 
-    left: Image
-    right: Image
-    rectification: Rectification
-    index: int = 0
-    name: str = "0"
-    t_ns: int = 0
-
-    def __post_init__(self) -> None:
-        left, right = check_pair(self.left, self.right, f"frame {self.name}")
-        width, height = self.rectification.size_px
+    def __init__(
+        self, left: Image, right: Image, rectification: Rectification, index: int = 0, name: str = "0", t_ns: int = 0
+    ) -> None:
+        left, right = check_pair(left, right, f"frame {name}")
+        width, height = rectification.size_px
         if left.shape[:2] != (height, width):
             raise ValueRefusedError(
-                f"frame {self.name}: images are {left.shape[1]}x{left.shape[0]}, but the rig is for {width}x{height}"
+                f"frame {name}: images are {left.shape[1]}x{left.shape[0]}, but the rig is for {width}x{height}"
             )
-        object.__setattr__(self, "left", left)
-        object.__setattr__(self, "right", right)
+        self._left, self._right = cache(lambda: left), cache(lambda: right)
+        self.half: tuple[Gray, Gray] | None = None
+        self.rectification, self.index, self.name, self.t_ns = rectification, index, name, t_ns
+
+    @classmethod
+    def deferred(
+        cls,
+        left: Callable[[], Image],
+        right: Callable[[], Image],
+        half: tuple[Gray, Gray],
+        rectification: Rectification,
+        index: int = 0,
+        name: str = "0",
+        t_ns: int = 0,
+    ) -> Self:
+        """Return a pair whose full images are made by `left` and `right` when first looked at."""
+        pair = cls.__new__(cls)
+        pair._left, pair._right = cache(lambda: locked(left())), cache(lambda: locked(right()))
+        pair.half = half
+        pair.rectification, pair.index, pair.name, pair.t_ns = rectification, index, name, t_ns
+        return pair
+
+    @property
+    def left(self) -> Image:
+        """The rectified left image."""
+        return self._left()
+
+    @property
+    def right(self) -> Image:
+        """The rectified right image."""
+        return self._right()
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,32 +146,38 @@ class DisparityMap:
     sigma_px
         One standard deviation of a single disparity, pixels.
     cell_px
-        Width and height of the square cell one value stands for; 1 for a dense map. Cell (row, column) is centred
-        on pixel `(cell_px * column + (cell_px - 1) / 2, cell_px * row + (cell_px - 1) / 2)`.
+        Width of the cell one value stands for; 1 for a dense map.
+    cell_height_px
+        Its height; 0 stands for a square cell. Cell (row, column) is centred on pixel
+        `(cell_px * column + (cell_px - 1) / 2, cell_height_px * row + (cell_height_px - 1) / 2)`.
 
     Raises
     ------
     ValueRefusedError
-        If `d_px` is no 2-D float32 array, `sigma_px` negative or not finite, or `cell_px` no whole number >= 1.
+        If `d_px` is no 2-D float32 array, `sigma_px` negative or not finite, or a cell's side no whole number >= 1.
     """
 
     d_px: NDArray[np.float32]
     sigma_px: float
     cell_px: int = 1
+    cell_height_px: int = 0
 
     def __post_init__(self) -> None:
         if self.d_px.ndim != 2 or self.d_px.dtype != np.float32:
             raise ValueRefusedError(f"d_px must be a 2-D float32 array, but got {self.d_px.ndim}-D {self.d_px.dtype}")
         if finite("sigma_px", self.sigma_px, ()) < 0:
             raise ValueRefusedError(f"sigma_px must be >= 0, but got {self.sigma_px}")
-        if not (self.cell_px >= 1 and self.cell_px % 1 == 0):
-            raise ValueRefusedError(f"cell_px must be a whole number >= 1, but got {self.cell_px}")
+        object.__setattr__(self, "cell_height_px", self.cell_height_px or self.cell_px)
+        for name in ("cell_px", "cell_height_px"):
+            side = getattr(self, name)
+            if not (side >= 1 and side % 1 == 0):
+                raise ValueRefusedError(f"{name} must be a whole number >= 1, but got {side}")
         object.__setattr__(self, "d_px", locked(self.d_px))
 
     @property
     def uvd_px(self) -> FloatArray:
         """(rows, columns, 3) column and row of each cell's centre and its disparity, pixels; NaN where unknown."""
         rows, columns = self.d_px.shape
-        middle = (self.cell_px - 1) / 2
-        u, v = np.meshgrid(np.arange(columns) * self.cell_px + middle, np.arange(rows) * self.cell_px + middle)
+        w, h = self.cell_px, self.cell_height_px
+        u, v = np.meshgrid(np.arange(columns) * w + (w - 1) / 2, np.arange(rows) * h + (h - 1) / 2)
         return np.stack([u, v, self.d_px], -1)

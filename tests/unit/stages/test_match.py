@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from roadblock.stages.match import MatchSettings, gray8, match, match_bm
+from roadblock.kernels.gray import gray8
+from roadblock.stages.match import MatchSettings, match, match_bm
 from roadblock.values.camera import Rectification
 from roadblock.values.frame import RectifiedPair
 

@@ -59,8 +59,8 @@ def test_an_image_smaller_than_a_cell_has_none() -> None:
     tiny = to_cells(DisparityMap(np.ones((3, 9), np.float32), 0.5), 4)
     assert tiny.d_px.shape == (0, 2)
     surface = lift(tiny, TWIN, None)
-    assert find_regions(surface, np.zeros((3, 9), np.uint8), TWIN, None, 0.5, SETTINGS) == ()
-    free = find_free_space(surface, TWIN, None, SETTINGS)
+    assert find_regions(surface, np.zeros((3, 9), np.uint8), None, SETTINGS) == ()
+    free = find_free_space(surface, None, SETTINGS)
     np.testing.assert_array_equal(free.u_px, [1.5, 5.5])
     assert np.isnan(free.range_m).all()
 
@@ -86,7 +86,7 @@ def test_cells_are_lifted_to_their_place_over_the_road() -> None:
 def free_range(
     disparity: DisparityMap, settings: SegmentSettings = SETTINGS, ground: GroundPlane = GROUND
 ) -> np.ndarray:
-    free = find_free_space(lift(disparity, TWIN, ground), TWIN, ground, settings)
+    free = find_free_space(lift(disparity, TWIN, ground), ground, settings)
     np.testing.assert_array_equal(free.u_px, disparity.uvd_px[0, :, 0])
     return free.range_m
 
@@ -131,7 +131,7 @@ def test_unobserved_columns_are_unknown() -> None:
 
 def test_without_a_road_nothing_is_free() -> None:
     surface = lift(disparity_of(GROUND, (Board(12.0, -30, 30, 2.0),), cell_px=2), TWIN, None)
-    free = find_free_space(surface, TWIN, None, SETTINGS)
+    free = find_free_space(surface, None, SETTINGS)
     np.testing.assert_array_equal(free.u_px, np.arange(0, SIDE, 2) + 0.5)
     assert np.isnan(free.range_m).all()
 
@@ -202,8 +202,8 @@ def test_free_space_is_never_longer_than_it_is(seed: int) -> None:
 
 def test_a_support_larger_than_the_image_asks_for_all_of_it() -> None:
     tiny = DisparityMap(np.full((1, 7), 9.0, np.float32), 0.5, 2)
-    assert find_free_space(lift(tiny, TWIN, GROUND), TWIN, GROUND, SETTINGS).range_m.shape == (7,)
-    free_range(disparity_of(GROUND, cell_px=2), SegmentSettings(free_support=10**6))
+    assert find_free_space(lift(tiny, TWIN, GROUND), GROUND, SETTINGS).range_m.shape == (7,)
+    free_range(disparity_of(GROUND, cell_px=2), SegmentSettings(free_area_px=1e6))
 
 
 def test_one_stray_cell_ends_nothing() -> None:
@@ -229,7 +229,7 @@ def regions_of(
     ground: GroundPlane | None = GROUND,
     image: np.ndarray = GREY,
 ) -> tuple[Region, ...]:
-    found = find_regions(lift(disparity, TWIN, ground), image, TWIN, ground, disparity.sigma_px, settings)
+    found = find_regions(lift(disparity, TWIN, ground), image, ground, settings)
     for region in found:
         check(region)
     return found
@@ -286,10 +286,10 @@ def striped(cells: int) -> DisparityMap:
 
 
 def test_small_holes_are_bridged() -> None:
-    assert len(regions_of(striped(2))) == 1
-    assert len(regions_of(striped(3))) == 2
-    assert len(regions_of(striped(1), SegmentSettings(gap_cells=1))) == 2
-    assert len(regions_of(striped(5), SegmentSettings(gap_cells=6))) == 1
+    assert len(regions_of(striped(1))) == 1
+    assert len(regions_of(striped(2))) == 2
+    assert len(regions_of(striped(1), SegmentSettings(gap_px=4))) == 2
+    assert len(regions_of(striped(5), SegmentSettings(gap_px=24))) == 1
 
 
 def test_neighbours_of_like_disparity_belong_together_though_metres_apart() -> None:
@@ -304,7 +304,7 @@ def hedge_ranges(from_m: float, to_m: float, settings: SegmentSettings = SETTING
     slices = tuple(Board(z, -5.0, -4.6, 1.6) for z in np.arange(from_m, to_m, 0.1))
     surface = lift(disparity_of(GROUND, slices, twin=LONG), LONG, GROUND)
     image = np.zeros((360, 640), np.uint8)
-    depths = [900 * 0.5 / r.surface_uvd_px[:, 2] for r in find_regions(surface, image, LONG, GROUND, 0.5, settings)]
+    depths = [900 * 0.5 / r.surface_uvd_px[:, 2] for r in find_regions(surface, image, GROUND, settings)]
     return [(float(z.min()), float(z.max())) for z in depths]
 
 
@@ -420,14 +420,15 @@ def test_noise_neither_tears_nor_joins_the_boxes(seed: int) -> None:
 def test_grids_smaller_than_the_gaps_are_linked_all_the_same(shape: tuple[int, int]) -> None:
     d = np.full(shape, 12.0, np.float32)
     surface = lift(DisparityMap(d, 0.5, 4), TWIN, None)
-    settings = SegmentSettings(gap_cells=8, area_px=0)
-    (region,) = find_regions(surface, GREY, TWIN, None, 0.5, settings)
+    settings = SegmentSettings(gap_px=32, area_px=0)
+    (region,) = find_regions(surface, GREY, None, settings)
     assert len(region.surface_uvd_px) == d.size
 
 
 def test_every_cell_may_stand() -> None:
-    surface = Surface(np.zeros((2, 2, 3)), np.full((2, 2, 3), 5.0), np.ones((2, 2)), 4)
-    assert len(find_regions(surface, GREY, TWIN, None, 0.5, SegmentSettings(area_px=0))) == 1
+    disparity = DisparityMap(np.full((2, 2), 9.0, np.float32), 0.5, 4)
+    surface = Surface(disparity, TWIN, np.full((2, 2), 5, np.float32), np.ones((2, 2), np.float32))
+    assert len(find_regions(surface, GREY, None, SegmentSettings(area_px=0))) == 1
 
 
 @pytest.mark.parametrize(
@@ -437,8 +438,8 @@ def test_every_cell_may_stand() -> None:
         ({"free_height_m": (2.5, 2.5)}, "the first must be below the second"),
         ({"split_m": 1e-9}, "greater than or equal to 0.5"),
         ({"reach_m": float("inf")}, "finite"),
-        ({"gap_cells": 9}, "less than or equal to 8"),
-        ({"free_support": 0}, "greater than or equal to 1"),
+        ({"gap_px": 65}, "less than or equal to 64"),
+        ({"free_area_px": 0}, "greater than 0"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(bad: dict[str, object], says: str) -> None:

@@ -2,13 +2,14 @@
 
 import numpy as np
 
+from roadblock.kernels.gray import gray8
 from roadblock.stages.match.opencv import in_pixels, match_bm, match_sgbm
 from roadblock.stages.match.region import match_region
-from roadblock.stages.match.settings import Matcher, MatchSettings, gray8
+from roadblock.stages.match.settings import Matcher, MatchSettings
 from roadblock.stages.match.views import balance, is_blank, match_both_ways
 from roadblock.values.frame import DisparityMap, RectifiedPair
 
-__all__ = ["MATCHERS", "MatchSettings", "Matcher", "gray8", "match", "match_bm", "match_region", "match_sgbm"]
+__all__ = ["MATCHERS", "MatchSettings", "Matcher", "match", "match_bm", "match_region", "match_sgbm"]
 
 MATCHERS: dict[str, Matcher] = {
     "sgbm": in_pixels(match_sgbm),

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from roadblock.errors import ValueRefusedError
 from roadblock.kernels.compiled import cells as kernels
 from roadblock.kernels.reference.cells import CELL_ROWS
-from roadblock.stages.match.settings import Gray
+from roadblock.values.frame import Gray
 
 
 class CellSettings(BaseModel):
@@ -22,11 +22,11 @@ class CellSettings(BaseModel):
     p1: int = Field(5, ge=0, le=127, description="Price of a change of disparity by 2 px from cell to cell.")
     p2: int = Field(20, ge=0, le=127, description="Price of a larger change.")
     tolerance: int = Field(2, ge=0, le=255, description="The right view may prefer another cell by this much.")
-    margin: int = Field(0, ge=0, le=255, description="Cells whose winner beats the second best by less are unknown.")
+    margin: int = Field(12, ge=0, le=255, description="Cells whose winner beats the second best by less are unknown.")
     speckle_px2: int = Field(200, ge=0, description="Islands of less area, in full-resolution px, are dropped.")
     speckle_step_px: float = Field(4.0, ge=0, description="A larger step of disparity ends an island.")
     smooth_step_px: float = Field(
-        2.0, ge=0, description="Neighbours on one surface differ by no more, and share a mean."
+        1.5, ge=0, description="Neighbours on one surface differ by no more, and share a mean."
     )
 
 
@@ -57,7 +57,7 @@ class CellMatcher:
 
     def __init__(self, settings: CellSettings) -> None:
         self.settings = settings
-        self._shape = (0, 0)
+        self._shape = (-1, -1)
 
     def __call__(self, left: Gray, right: Gray) -> CellDisparities:
         """Match a pair.

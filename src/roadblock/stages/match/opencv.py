@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.stages.match.settings import Gray, Matcher, MatchSettings
+from roadblock.stages.match.settings import Matcher, MatchSettings
+from roadblock.values.frame import Gray
 
 UNITS_PER_PX = 16
 """OpenCV's disparities are int16 in sixteenths of a pixel; this coding stays inside this file."""

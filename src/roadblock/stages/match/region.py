@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 
 from roadblock.kernels.compiled import region as compiled
 from roadblock.kernels.reference.region import CENSUS, CENSUS_HALF, COSTS
-from roadblock.stages.match.settings import Gray, MatchSettings
+from roadblock.stages.match.settings import MatchSettings
+from roadblock.values.frame import Gray
 
 SMALLEST_BLOCK_PX = 5
 """Smaller windows hold too little to tell one place of a row from another."""

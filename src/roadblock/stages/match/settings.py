@@ -1,16 +1,13 @@
-"""What can be set about matching, and the greys that every matcher gets."""
+"""What can be set about matching, and what a matcher is."""
 
 from collections.abc import Callable
 from typing import Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from roadblock.values.frame import Image
-
-Gray = NDArray[np.uint8]
+from roadblock.values.frame import Gray
 
 
 class MatchSettings(BaseModel):
@@ -49,16 +46,3 @@ class MatchSettings(BaseModel):
 
 Matcher = Callable[[Gray, Gray, MatchSettings], NDArray[np.float32]]
 """Left and right grey image in; disparities of the left one out, pixels, NaN where unknown."""
-
-
-def gray8(left: Image, right: Image) -> tuple[Gray, Gray]:
-    """Return both images as 8-bit grey with one common scale, so that gain and offset between them stay.
-
-    16-bit images are stretched from the 0.1th to the 99.9th percentile of the left one.
-    """
-    grays = [cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) if i.ndim == 3 else i for i in (left, right)]
-    if left.dtype == np.uint16:
-        low, high = np.percentile(grays[0], (0.1, 99.9))
-        scale = 255.0 / max(high - low, 1.0)
-        grays = [np.clip((g.astype(np.float32) - low) * scale + 0.5, 0, 255).astype(np.uint8) for g in grays]
-    return np.ascontiguousarray(grays[0]), np.ascontiguousarray(grays[1])

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.stages.match.settings import Gray, Matcher, MatchSettings
+from roadblock.stages.match.settings import Matcher, MatchSettings
+from roadblock.values.frame import Gray
 
 DARKEST, BRIGHTEST = 2, 250
 """Grey levels outside may be cut off, and say nothing about gain."""

@@ -1,0 +1,317 @@
+"""The road under cells of disparity, compiled: candidates, drawn planes, and the fit in metres.
+
+A road is `y = h + s*z + t*x` in the car frame (x right, y down, z forward, metres), with `- q*z^2` where it bends.
+A plane in the world is a plane in (u, v, d), where noise is even: so planes are judged in pixels.
+"""
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from roadblock.kernels.reference.road import BIN_POINTS, GROWTH, POLISHED
+
+Floats = NDArray[np.float64]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def gather_candidates(
+    d_px: NDArray[np.float32], cell_w: int, cell_h: int, twin: Floats, limits: Floats, points: Floats
+) -> int:
+    """See `reference.road.gather_candidates`."""
+    f, cx, cy, baseline = twin
+    far, side, low, high, slope, step = limits
+    rows, columns = d_px.shape
+    bins = int(far / step) + 1
+    count = np.zeros(bins, np.int64)
+    stride = np.zeros(bins, np.int64)
+    n = 0
+    for second in range(2):
+        if second:
+            for i in range(bins):
+                stride[i] = max(1, -(-count[i] // BIN_POINTS))
+                count[i] = 0
+        for row in range(rows):
+            v = row * cell_h + (cell_h - 1) / 2
+            for column in range(columns):
+                d = d_px[row, column]
+                if not d > 0:
+                    continue
+                z = f * baseline / d
+                if not z < far:
+                    continue
+                u = column * cell_w + (cell_w - 1) / 2
+                x = (u - cx) / f * z - baseline / 2
+                y = (v - cy) / f * z
+                if abs(x) < side and y > 0.5 * low and y < high + slope * z:
+                    i = int(z / step)
+                    count[i] += 1
+                    # Every so many of a bin, so that the near road does not outvote the far one.
+                    if second and count[i] % stride[i] == 0:
+                        points[n, 0] = x
+                        points[n, 1] = y
+                        points[n, 2] = z
+                        points[n, 3] = d
+                        n += 1
+    return n
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def is_allowed(h, s, t, limits):  # type: ignore[no-untyped-def]
+    """Whether a plane (h, s, t) lies within (low, high, slope of pitch, slope of roll)."""
+    return h > limits[0] and h < limits[1] and abs(s) < limits[2] and abs(t) < limits[3]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def support(rays: NDArray[np.float32], n: int, plane: Floats, fb: float, tolerance_px: float) -> float:
+    """See `reference.road.support`."""
+    c = np.float32(fb / plane[0])
+    s, t = np.float32(plane[1]), np.float32(plane[2])
+    near, below = np.float32(tolerance_px), np.float32(-3 * tolerance_px)
+    score = np.int64(0)
+    for i in range(n):
+        nearer = rays[3, i] - (rays[1, i] - s - t * rays[0, i]) * c
+        weight = np.int32(rays[2, i])
+        score += (abs(nearer) < near) * weight - 2 * (nearer < below) * weight
+    return float(score)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def solve(A: Floats, b: Floats, x: Floats) -> bool:
+    """Solve a small symmetric positive system in place by Cholesky; False where it is not positive."""
+    n = len(b)
+    for i in range(n):
+        for j in range(i + 1):
+            total = A[i, j]
+            for k in range(j):
+                total -= A[i, k] * A[j, k]
+            if i == j:
+                if total <= 1e-12:
+                    return False
+                A[i, i] = np.sqrt(total)
+            else:
+                A[i, j] = total / A[j, j]
+    for i in range(n):
+        total = b[i]
+        for k in range(i):
+            total -= A[i, k] * x[k]
+        x[i] = total / A[i, i]
+    for i in range(n - 1, -1, -1):
+        total = x[i]
+        for k in range(i + 1, n):
+            total -= A[k, i] * x[k]
+        x[i] = total / A[i, i]
+    return True
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def fit_plane(
+    points: Floats, n: int, plane: Floats, by_px: float, by_m: float, scales: Floats, A: Floats, b: Floats
+) -> int:
+    """See `reference.road.fit_plane`."""
+    fb, near, side, fade = scales
+    A[:] = 0
+    b[:] = 0
+    on = 0
+    for i in range(n):
+        x, y, z, d = points[i]
+        if z >= near:
+            continue
+        off = y - plane[0] - plane[1] * z - plane[2] * x
+        if by_m > 0:
+            if not abs(off) < by_m:
+                continue
+        elif not abs(d - (y - plane[1] * z - plane[2] * x) / z * fb / plane[0]) < by_px:
+            continue
+        w = 1 / np.sqrt(1 + (x / side) ** 2) / (1 + z / fade)
+        w *= w
+        zn = z / near
+        A[0, 0] += w
+        A[1, 0] += w * zn
+        A[1, 1] += w * zn * zn
+        A[2, 0] += w * x
+        A[2, 1] += w * x * zn
+        A[2, 2] += w * x * x
+        b[0] += w * y
+        b[1] += w * y * zn
+        b[2] += w * y * x
+        on += 1
+    fitted = np.empty(3)
+    if on >= 10 and solve(A, b, fitted):
+        plane[0] = fitted[0]
+        plane[1] = fitted[1] / near
+        plane[2] = fitted[2]
+    return on
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def draw_plane(
+    points: Floats,
+    n: int,
+    draws: int,
+    seed: int,
+    tolerance_px: float,
+    minimum: int,
+    allowed: Floats,
+    scales: Floats,
+    prior: Floats,
+    plane: Floats,
+) -> bool:
+    """See `reference.road.draw_plane`."""
+    fb, near, side, _ = scales
+    rays = np.empty((4, n), np.float32)
+    near_points = np.empty((n, 4))
+    m = 0
+    for i in range(n):
+        x, y, z, d = points[i]
+        if z < near:
+            rays[0, m] = x / z
+            rays[1, m] = y / z
+            rays[2, m] = 1000 / (1 + (x / side) ** 2)
+            rays[3, m] = d
+            near_points[m] = points[i]
+            m += 1
+    if m < minimum:
+        return False
+    best = np.full((POLISHED, 4), -np.inf)
+    candidate = np.empty(3)
+    A, b = np.zeros((3, 3)), np.zeros(3)
+    state = np.uint64(seed * 2 + 1)
+    for draw in range(draws + 1):
+        if draw == draws:
+            if not np.isfinite(prior[0]):
+                break
+            candidate[:] = prior
+        else:
+            picked = np.zeros(3, np.int64)
+            for j in range(3):
+                state = state * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
+                picked[j] = np.int64((state >> np.uint64(33)) % np.uint64(m))
+            x0, y0, z0, _ = near_points[picked[0]]
+            x1, y1, z1, _ = near_points[picked[1]]
+            x2, y2, z2, _ = near_points[picked[2]]
+            det = (z1 - z0) * (x2 - x0) - (z2 - z0) * (x1 - x0)
+            if abs(det) < 1e-6 * near * near:
+                continue
+            candidate[1] = ((y1 - y0) * (x2 - x0) - (y2 - y0) * (x1 - x0)) / det
+            candidate[2] = ((z1 - z0) * (y2 - y0) - (z2 - z0) * (y1 - y0)) / det
+            candidate[0] = y0 - candidate[1] * z0 - candidate[2] * x0
+        if not is_allowed(candidate[0], candidate[1], candidate[2], allowed):
+            continue
+        score = support(rays, m, candidate, fb, tolerance_px)
+        worst = 0
+        for k in range(1, POLISHED):
+            if best[k, 0] < best[worst, 0]:
+                worst = k
+        if score > best[worst, 0]:
+            best[worst, 0] = score
+            best[worst, 1:] = candidate
+    top, on_top = -np.inf, 0
+    for k in range(POLISHED):
+        if best[k, 0] == -np.inf:
+            continue
+        candidate[:] = best[k, 1:]
+        on = 0
+        for _ in range(3):
+            fit_plane(near_points, m, candidate, tolerance_px, 0.0, scales, A, b)
+        score = support(rays, m, candidate, fb, tolerance_px)
+        for i in range(m):
+            on += abs(rays[3, i] - (rays[1, i] - candidate[1] - candidate[2] * rays[0, i]) * fb / candidate[0]) < (
+                tolerance_px
+            )
+        if score > top:
+            top, on_top = score, on
+            plane[:] = candidate
+    return on_top >= minimum
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def bend(points: Floats, n: int, start: Floats, far: float, tolerance_m: float, scales: Floats, bent: Floats) -> None:
+    """See `reference.road.bend`."""
+    _, near, side, _ = scales
+    reach_x = 1.2 * side
+    bent[:3] = start
+    bent[3] = 0.0
+    A, b = np.empty((4, 4)), np.empty(4)
+    row = np.empty(4)
+    # Rows of a prior in the scaled unknowns (h, s*near, t, q*near^2): curvature near zero, the near plane near itself.
+    hold = np.array([35e3 / near, 1e3 / near, 1e3, 860 / near])
+    for step in range(GROWTH):
+        reach = near + (far - near) * step / (GROWTH - 1)
+        A[:] = 0
+        b[:] = 0
+        for i in range(n):
+            x, y, z, _ = points[i]
+            slack = tolerance_m * 0.6 + 0.003 * z
+            off = y - bent[0] - bent[1] * z - bent[2] * x - bent[3] * z * z
+            if not (abs(off) < slack and z < reach and abs(x) < reach_x):
+                continue
+            w = 1 / (slack * slack)
+            zn = z / near
+            row[0] = 1.0
+            row[1] = zn
+            row[2] = x
+            row[3] = zn * zn
+            for j in range(4):
+                for k in range(j + 1):
+                    A[j, k] += w * row[j] * row[k]
+                b[j] += w * row[j] * y
+        for j in range(4):
+            A[j, j] += hold[j] ** 2
+        b[0] += hold[0] ** 2 * start[0]
+        b[1] += hold[1] ** 2 * start[1] * near
+        b[2] += hold[2] ** 2 * start[2]
+        if solve(A, b, row):
+            bent[0] = row[0]
+            bent[1] = row[1] / near
+            bent[2] = row[2]
+            bent[3] = row[3] / (near * near)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def find_road(
+    d_px: NDArray[np.float32],
+    cell_w: int,
+    cell_h: int,
+    twin: Floats,
+    limits: Floats,
+    allowed: Floats,
+    scales: Floats,
+    tolerances: Floats,
+    draws: int,
+    minimum: int,
+    seed: int,
+    prior: Floats,
+    road: Floats,
+) -> bool:
+    """See `reference.road.find_road`."""
+    tolerance_px, tolerance_m = tolerances
+    far = limits[0]
+    points = np.empty((BIN_POINTS * (int(far / limits[5]) + 1), 4))
+    n = gather_candidates(d_px, cell_w, cell_h, twin, limits, points)
+    if n < minimum:
+        return False
+    plane = np.empty(3)
+    if not draw_plane(points, n, draws, seed, tolerance_px, minimum, allowed, scales, prior, plane):
+        return False
+    A, b = np.zeros((3, 3)), np.zeros(3)
+    for tolerance in (2.0, 1.0, 0.6, 0.6):
+        if fit_plane(points, n, plane, 0.0, tolerance * tolerance_m, scales, A, b) < minimum:
+            return False
+    if not is_allowed(plane[0], plane[1], plane[2], allowed):
+        return False
+    bent = np.empty(4)
+    bend(points, n, plane, far, tolerance_m, scales, bent)
+    depths = np.empty(n)
+    on = 0
+    for i in range(n):
+        x, y, z, _ = points[i]
+        if abs(y - bent[0] - bent[1] * z - bent[2] * x - bent[3] * z * z) < tolerance_m:
+            depths[on] = z
+            on += 1
+    if on == 0:
+        return False
+    road[:3] = plane
+    road[3] = -bent[3]
+    road[4] = on / n
+    road[5] = np.sort(depths[:on])[int(0.99 * (on - 1))]
+    return True
