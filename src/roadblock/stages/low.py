@@ -1,0 +1,319 @@
+"""Low: a rectified pair and the road in, low obstacles out. Is a patch of the corridor explained by the road, or not?
+
+The right image is laid over the left one by the road's own disparity. What is painted on the road then coincides; what
+stands on it slides aside, the more the higher it is. Each patch is asked which of the two explains it better.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.sparse.csgraph import connected_components
+
+from roadblock.kernels import low_compiled as kernels
+from roadblock.values.camera import Rectification
+from roadblock.values.checks import FloatArray
+from roadblock.values.frame import Image, RectifiedPair
+from roadblock.values.scene import GroundPlane, Region
+
+BLOCKS = 6
+"""Across the corridor, where the road's own offset is measured."""
+STRIP_ROWS = 6
+
+
+class LowSettings(BaseModel):
+    """Where low obstacles are looked for, and how sure one must be."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    side_m: float = Field(2.5, gt=0, description="Half the width of the corridor.")
+    reach_m: tuple[float, float] = Field((5.0, 35.0), description="From here to there, ahead.")
+    heights_m: tuple[float, ...] = Field((0.08, 0.14, 0.25), description="Heights that are tried.")
+    width_m: float = Field(0.12, gt=0, description="Width of a patch.")
+    sample_m: float = Field(0.02, gt=0, description="Pixels finer than this are averaged, two by two.")
+    evidence: float = Field(12.0, gt=0, description="Least log-likelihood ratio against the road.")
+
+
+def _grey(image: Image) -> Image:
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
+
+
+@dataclass
+class Band:
+    """Rows of one averaging: tables per row, and scratch images."""
+
+    bin_px: int
+    rows: NDArray[np.int64]
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+    d_px: FloatArray
+    slope: FloatArray
+    middle: float
+    z_m: FloatArray
+    near: NDArray[np.float32]
+    far: NDArray[np.float32]
+    weight: NDArray[np.float32]
+    misfit: NDArray[np.float32]
+
+
+class LowFinder:
+    """Owns the scratch images."""
+
+    def __init__(self, settings: LowSettings | None = None) -> None:
+        self.settings = settings or LowSettings()
+        self.scratch: dict[int, NDArray[np.float32]] = {}
+
+    def __call__(self, pair: RectifiedPair, ground: GroundPlane | None) -> tuple[Region, ...]:
+        """Return what stands low on the road in the corridor; nothing without a road."""
+        if ground is None:
+            return ()
+        left, right = (_grey(image) for image in (pair.left, pair.right))
+        bands, hits = examine(self, left, right, pair.rectification, ground)
+        return regions_of(bands, hits, pair.left, pair.rectification, self.settings)
+
+    def images(self, c: int, rows: int, width: int) -> NDArray[np.float32]:
+        have = self.scratch.get(c)
+        if have is None or have.shape[1] < rows or have.shape[2] != width:
+            have = self.scratch[c] = np.zeros((4, rows + 8, width), np.float32)
+        return have
+
+    def bands(self, r: Rectification, ground: GroundPlane) -> list[Band]:
+        s = self.settings
+        width, height = r.size_px
+        v = np.arange(height, dtype=float)
+        bands = []
+        z_full = road_z(r, ground, np.full(height, r.cx_px), v)
+        near, far = s.reach_m
+        for c in (4, 2, 1):
+            # This averaging holds while a sample is no coarser than sample_m (c = 1: all that is left).
+            limit = s.sample_m * r.f_px / c
+            z_lo, z_hi = (near if c == 4 else s.sample_m * r.f_px / (2 * c)), (far if c == 1 else limit)
+            z_lo, z_hi = max(z_lo, near), min(z_hi, far)
+            use = np.flatnonzero(np.isfinite(z_full) & (z_full >= z_lo) & (z_full <= z_hi))
+            if len(use) < 8 * c or z_hi <= z_lo:
+                continue
+            up = int(max(s.heights_m) * r.f_px / z_hi) + 2 * c
+            top, bottom = max(0, use.min() - up), min(use.max(), height - 1)
+            rows = np.arange(top // c + 1, bottom // c)
+            at = c * rows + (c - 1) / 2
+            middle = r.cx_px
+            z = road_z(r, ground, np.full(len(rows), middle), at)
+            ok = np.isfinite(z)
+            rows, at, z = rows[ok], at[ok], z[ok]
+            d = r.f_px * r.baseline_m / z
+            slope = (r.f_px * r.baseline_m / road_z(r, ground, np.full(len(rows), middle + 100.0), at) - d) / 100
+            # A foot's columns are needed in the rows above it as well.
+            z_foot = z[np.minimum(np.arange(len(z)) + (up // c), len(z) - 1)]
+            left = r.cx_px + (-s.side_m + r.baseline_m / 2) * r.f_px / z_foot
+            right = r.cx_px + (s.side_m + r.baseline_m / 2) * r.f_px / z_foot
+            left = np.maximum(left, d + np.abs(slope) * (middle - left) + 10 * c)
+            first = np.maximum(np.ceil(left / c).astype(np.int64), 2)
+            last = np.minimum(np.floor(right / c).astype(np.int64), width // c - 6)
+            last = np.maximum(last, first)
+            images = self.images(c, len(rows), width // c)
+            n = len(rows)
+            mid = (middle - (c - 1) / 2) / c
+            bands.append(Band(c, rows, first, last, d / c, slope, mid, z, *(images[k][:n] for k in range(4))))
+        return bands
+
+
+@dataclass(frozen=True)
+class Hit:
+    """A patch that stands: band, foot row, columns, rows, in binned pixels; its evidence."""
+
+    band: int
+    foot: int
+    column: int
+    tall: int
+    wide: int
+    evidence: float
+
+
+def examine(  # noqa: PLR0915
+    finder: LowFinder, left: Image, right: Image, r: Rectification, ground: GroundPlane
+) -> tuple[list[Band], list[Hit]]:
+    s = finder.settings
+    bands = finder.bands(r, ground)
+    measured = []
+    for b in bands:
+        strips = max(1, len(b.rows) // STRIP_ROWS)
+        sums = np.zeros((strips, BLOCKS, 8), np.float32)
+        kernels.warp(
+            left,
+            right,
+            b.bin_px,
+            b.rows,
+            b.first,
+            b.last,
+            b.d_px,
+            b.slope,
+            b.middle,
+            np.ones(len(b.rows)),
+            0.0,
+            b.near,
+            b.far,
+        )
+        kernels.road_sums(b.near, b.far, b.first, b.last, sums)
+        v = b.bin_px * (b.rows[0] + (np.arange(strips) + 0.5) * len(b.rows) / strips)
+        k = (np.arange(BLOCKS) + 0.5) / BLOCKS
+        at = (np.arange(strips) + 0.5) * len(b.rows) / strips
+        a, z = b.first[at.astype(int)], b.last[at.astype(int)]
+        u = b.bin_px * (a[:, None] + (z - a)[:, None] * k - b.middle)
+        measured.append((b.bin_px, v, sums, u))
+    line, (g0, gu, gv) = road_offset(measured)
+    hits = []
+    for number, b in enumerate(bands):
+        b.d_px += np.polyval(line, b.bin_px * b.rows) / b.bin_px
+        strips = max(1, len(b.rows) // STRIP_ROWS)
+        sums = np.zeros((strips, BLOCKS, 8), np.float32)
+        kernels.warp(
+            left,
+            right,
+            b.bin_px,
+            b.rows,
+            b.first,
+            b.last,
+            b.d_px,
+            b.slope,
+            b.middle,
+            g0 + gv * b.bin_px * b.rows,
+            gu * b.bin_px,
+            b.near,
+            b.far,
+        )
+        kernels.road_sums(b.near, b.far, b.first, b.last, sums)
+        variance = max(0.3, float(np.percentile(sums[..., 5] / np.maximum(sums[..., 0], 1), 40)))
+        b.variance = variance
+        b.sums = sums
+        kernels.weigh(b.near, b.far, b.first, b.last, np.full(len(b.rows), variance), b.weight, b.misfit)
+        tall = np.maximum(np.round(np.outer(r.f_px / b.z_m / b.bin_px, s.heights_m)), 1).astype(np.int64)
+        feet, i = [], len(b.rows) - 1
+        while i - tall[i, -1] >= 0:
+            feet.append(i)
+            i -= max(1, int(tall[i, 0] // 3))
+        feet = np.array(feet)
+        wide = np.maximum(np.round(s.width_m * r.f_px / b.z_m[feet] / b.bin_px), 3).astype(np.int64)
+        tall = tall[feet]
+        scores = np.zeros((len(feet), b.near.shape[1]), np.float32)
+        which = np.zeros(scores.shape, np.int8)
+        kernels.score(b.near, b.far, b.weight, b.misfit, b.first, b.last, b.d_px, feet, tall, wide, scores, which)
+        b.scores = scores
+        b.feet = feet
+        scores = scores.copy()
+        while True:
+            k, u = np.unravel_index(np.argmax(scores), scores.shape)
+            if scores[k, u] < s.evidence or len(hits) > 60:
+                break
+            n = int(tall[k, which[k, u]])
+            hits.append(Hit(number, int(feet[k]), int(u), n, int(wide[k]), float(scores[k, u])))
+            near_rows = (feet >= feet[k] - tall[k, -1]) & (feet <= feet[k] + tall[k, -1])
+            scores[near_rows, max(0, u - wide[k]) : u + wide[k] + 1] = 0
+    return bands, hits
+
+
+def road_offset(measured) -> tuple[FloatArray, FloatArray]:
+    """Fit the road's own offset, full-resolution px, as a line over the image row, and the gain."""
+    v = np.concatenate([np.repeat(v, BLOCKS) for _, v, *_ in measured])
+    scale = np.concatenate([np.full(sums[..., 0].size, c) for c, _, sums, _ in measured])
+    n, g, e, gg, ge, ee, near, far = np.concatenate([sums.reshape(-1, 8) for *_, sums, _ in measured]).astype(float).T
+    n = np.maximum(n, 1)
+    info = np.maximum(gg - g * g / n, 1e-6)
+    offset = -scale * (ge - g * e / n) / info
+    ratio = near / np.maximum(far, 1)
+    u = np.concatenate([u.ravel() for *_, u in measured])
+    A = np.stack([np.ones_like(u), u, v], 1)
+    gain = np.array([np.median(ratio), 0.0, 0.0])
+    for _ in range(6):
+        w = n / (1 + ((ratio - A @ gain) / 0.01) ** 2)
+        gain = np.linalg.lstsq((A.T * w) @ A, (A.T * w) @ ratio, rcond=1e-9)[0]
+    w0 = info / scale**2
+    w0 = np.minimum(w0, np.percentile(w0, 80))
+    order = np.argsort(offset)
+    line = np.array([0.0, offset[order][np.searchsorted(np.cumsum(w0[order]), w0.sum() / 2)]])
+    A = np.stack([v - v.mean(), np.ones_like(v)], 1)
+    line = np.array([0, line[1]])
+    for _ in range(8):
+        w = w0 / (1 + ((offset - A @ line) / 0.15) ** 2) ** 2
+        line = np.linalg.solve((A.T * w) @ A + np.diag([1e-3, 0]), (A.T * w) @ offset)
+    return np.array([line[0], line[1] - line[0] * v.mean()]), gain
+
+
+def regions_of(
+    bands: list[Band], hits: list[Hit], image: Image, r: Rectification, s: LowSettings
+) -> tuple[Region, ...]:
+    """Join hits side by side to regions; what goes on along the road (a kerb, a verge) is none."""
+    if not hits:
+        return ()
+    z = np.array([bands[h.band].z_m[h.foot] for h in hits])
+    box = np.array([box_of(bands[h.band], h) for h in hits])
+    x = (box[:, [0, 2]] - r.cx_px) * z[:, None] / r.f_px
+    gap = np.maximum(x[:, None, 0] - x[None, :, 1], x[None, :, 0] - x[:, None, 1])
+    apart = np.abs(z[:, None] - z[None, :])
+    noise = z * z / (r.f_px * r.baseline_m)
+    _, chain = connected_components((gap < 0.3) & (apart < 1.5 + noise[:, None]))
+    _, group = connected_components((gap < 0.15) & (apart < 0.3 + 0.5 * noise[:, None]))
+    found = []
+    for g in range(group.max() + 1):
+        mine = np.flatnonzero(group == g)
+        along = z[chain == chain[mine[0]]]
+        if np.ptp(along) > 2.0 + noise[mine].max():
+            continue
+        found.append(_region([bands[hits[k].band] for k in mine], [hits[k] for k in mine], box[mine], image))
+    return tuple(found)
+
+
+def box_of(b: Band, h: Hit) -> tuple[int, int, int, int]:
+    """Return a hit's box in full-resolution pixels, half open, down to its foot."""
+    c, u, v = b.bin_px, h.column - h.wide // 2, int(b.rows[h.foot])
+    return u * c, (v - h.tall) * c, (u + h.wide) * c, v * c
+
+
+def _region(bands: list[Band], hits: list[Hit], boxes: NDArray[np.int64], image: Image) -> Region:
+    (u0, v0), (u1, v1) = boxes[:, :2].min(0), boxes[:, 2:].max(0)
+    surface = []
+    for b, h, (a0, b0, a1, b1) in zip(bands, hits, boxes, strict=True):
+        d = b.bin_px * (b.d_px[h.foot] + b.d_px[h.foot - 1]) / 2
+        v, u = np.mgrid[b0 + 0.5 : b1 - 0.5 : 4j, a0 + 0.5 : a1 - 0.5 : 4j]
+        surface.append(np.stack([u, v, np.full(u.shape, d)], -1).reshape(-1, 3))
+    corners = np.concatenate([boxes[:, [i, j]] for i in (0, 2) for j in (1, 3)]).astype(np.int32)
+    patch = image[max(v0, 0) : v1, max(u0, 0) : u1]
+    color = patch.reshape(-1, 3).mean(0) if image.ndim == 3 else np.full(3, np.nan)
+    slope = float(np.mean([b.d_px[h.foot] - b.d_px[h.foot - 1] for b, h in zip(bands, hits, strict=True)]))
+    stride = max(b.bin_px for b in bands)
+    return Region(
+        box_px=(int(u0), int(v0), int(u1), int(v1)),
+        contour_px=cv2.convexHull(corners).reshape(-1, 2),
+        surface_uvd_px=np.concatenate(surface),
+        sigma_d_px=float(np.hypot(0.15, slope * stride)),
+        color_rgb=color,
+    )
+
+
+def drop_covered(low: tuple[Region, ...], ordinary: tuple[Region, ...]) -> tuple[Region, ...]:
+    """Return the low regions that no ordinary region explains.
+
+    An ordinary one explains what lies half inside its box, and what lies in the strip to its left that only the left
+    camera sees past it.
+    """
+
+    def explains(big: Region, small: Region) -> bool:
+        (a0, b0, a1, b1), (c0, d0, c1, d1) = small.box_px, big.box_px
+        hidden = np.median(big.surface_uvd_px[:, 2]) - np.median(small.surface_uvd_px[:, 2])
+        left = c0 - max(0.0, float(hidden))
+        common = max(0.0, min(a1, c1) - max(a0, left)) * max(0, min(b1, d1) - max(b0, d0))
+        return common >= 0.5 * (a1 - a0) * (b1 - b0)
+
+    return tuple(region for region in low if not any(explains(big, region) for big in ordinary))
+
+
+def road_z(r: Rectification, ground: GroundPlane, u: FloatArray, v: FloatArray) -> FloatArray:
+    n_x, n_y, n_z = ground.normal
+    b = n_x * (u - r.cx_px) / r.f_px + n_y * (v - r.cy_px) / r.f_px + n_z
+    h = ground.height_m - n_x * r.baseline_m / 2
+    with np.errstate(all="ignore"):
+        inverse = (-b + np.sqrt(b * b + 4 * h * ground.bend_per_m)) / (2 * h)
+        return np.where(inverse > 0, 1 / inverse, np.nan)
