@@ -3,106 +3,104 @@
 import numba
 import numpy as np
 
-from roadblock.kernels.low_reference import ALIKE, CHUNK, CLIP, CORRELATED, LINEAR, TOLERANCE_PX
+from roadblock.kernels.low_reference import ALIKE, CALM, CHUNK, CLIP, CORRELATED, LINEAR, TOLERANCE_PX
 
-MODE = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz", "arcp"}}
+MODE = {
+    "cache": True,
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": {"reassoc", "contract", "nsz", "arcp", "nnan"},
+}
 
 
 @numba.njit(**MODE)
-def warp(left, right, bin_px, rows, first, last, d_px, slope, middle, gain, tilt, near, far):  # type: ignore[no-untyped-def]
+def warp(left, right, bin_px, rows, first, last, d_px, slope, middle, gain, tilt, step, near, far):  # type: ignore[no-untyped-def]
     """See `low_reference.warp`."""
     c = bin_px
     width = left.shape[1] // c
     a = np.zeros(width + 8, np.float32)
     b = np.zeros(width + 8, np.float32)
-    scale = np.float32(1.0 / (c * c))
-    for i in range(len(rows)):
+    q, h = np.float32(0.25), np.float32(0.5)
+    for i in range(0, len(rows), step):
         u0, u1 = first[i], last[i]
         if u1 <= u0:
             continue
-        low = max(0, int(u0 - d_px[i] - abs(slope[i]) * (u1 - u0)) - 8)
-        binned_row(left, rows[i] * c, c, max(0, u0 - 1), min(width, u1 + 1), scale, a)
-        binned_row(right, rows[i] * c, c, low, min(width, u1 + 4), scale, b)
-        n = near[i]
-        for u in range(u0, u1):
-            n[u] = np.float32(0.25) * (a[u - 1] + a[u + 1]) + np.float32(0.5) * a[u]
-        f = far[i]
+        reach = abs(slope[i]) * (max(abs(u0 - middle), abs(u1 - middle)))
+        low, high = int(u0 - d_px[i] - reach) - 4, int(u1 - d_px[i] + reach) + 5
+        binned_row(left, rows[i] * c, c, u0 - 1, u1 + 1, a)
+        binned_row(right, rows[i] * c, c, max(0, low), min(width, high), b)
+        before, at, after, n = a[u0 - 1 : u1 - 1], a[u0:u1], a[u0 + 1 : u1 + 1], near[i, u0:u1]
+        for u in range(len(n)):
+            n[u] = q * (before[u] + after[u]) + h * at[u]
         for begin in range(u0, u1, CHUNK):
             end = min(begin + CHUNK, u1)
-            # One shift a chunk: its disparity is linear, and a chunk is short.
-            shift = -(d_px[i] + slope[i] * ((begin + end - 1) / 2 - middle))
+            # One shift and one gain a chunk: both are linear, and a chunk is short.
+            aside = (begin + end - 1) / 2 - middle
+            shift = -(d_px[i] + slope[i] * aside)
             whole = int(np.floor(shift))
             t = shift - whole
+            g = gain[i] + tilt * aside
             # Catmull-Rom, then the same 1-2-1 as on the left.
-            k0 = np.float32(-0.5 * t + t * t - 0.5 * t * t * t)
-            k1 = np.float32(1.0 - 2.5 * t * t + 1.5 * t * t * t)
-            k2 = np.float32(0.5 * t + 2.0 * t * t - 1.5 * t * t * t)
-            k3 = np.float32(-0.5 * t * t + 0.5 * t * t * t)
-            q, h = np.float32(0.25), np.float32(0.5)
+            k0, k1 = np.float32(g * (-0.5 * t + t * t - 0.5 * t**3)), np.float32(g * (1 - 2.5 * t * t + 1.5 * t**3))
+            k2, k3 = np.float32(g * (0.5 * t + 2 * t * t - 1.5 * t**3)), np.float32(g * (-0.5 * t * t + 0.5 * t**3))
             s0, s1, s2 = q * k0, h * k0 + q * k1, q * k0 + h * k1 + q * k2
             s3, s4, s5 = q * k1 + h * k2 + q * k3, q * k2 + h * k3, q * k3
-            r = b[begin + whole - 2 : end + whole + 4]
-            w = f[begin:end]
-            g0, g1 = np.float32(gain[i] + tilt * (begin - middle)), np.float32(tilt)
-            for u in range(end - begin):
-                w[u] = (g0 + g1 * np.float32(u)) * (
-                    s0 * r[u] + s1 * r[u + 1] + s2 * r[u + 2] + s3 * r[u + 3] + s4 * r[u + 4] + s5 * r[u + 5]
-                )
+            r, w = b[begin + whole - 2 : end + whole + 4], far[i, begin:end]
+            for u in range(len(w)):
+                w[u] = s0 * r[u] + s1 * r[u + 1] + s2 * r[u + 2] + s3 * r[u + 3] + s4 * r[u + 4] + s5 * r[u + 5]
 
 
 @numba.njit(**MODE)
-def binned_row(image, row, c, u0, u1, scale, into):  # type: ignore[no-untyped-def]
+def binned_row(image, row, c, u0, u1, into):  # type: ignore[no-untyped-def]
     """Average c x c pixels of an image into columns u0 .. u1 of one binned row."""
+    line = into[u0:u1]
     if c == 1:
-        line = image[row]
-        for u in range(u0, u1):
-            into[u] = scale * np.float32(line[u])
-    elif c == 2:
-        one, two = image[row], image[row + 1]
-        for u in range(u0, u1):
-            total = np.int32(one[2 * u]) + one[2 * u + 1] + two[2 * u] + two[2 * u + 1]
-            into[u] = scale * np.float32(total)
-    else:
-        for u in range(u0, u1):
-            into[u] = 0
-        for k in range(c):
-            line = image[row + k]
-            for u in range(u0, u1):
-                total = np.int32(0)
-                for m in range(c):
-                    total += line[c * u + m]
-                into[u] += scale * np.float32(total)
+        one = image[row, u0:u1]
+        for u in range(len(line)):
+            line[u] = np.float32(one[u])
+        return
+    line[:] = 0
+    scale = np.float32(1.0 / (c * c))
+    for k in range(c):
+        one = image[row + k, c * u0 : c * u1]
+        if c == 2:
+            for u in range(len(line)):
+                line[u] += scale * (np.float32(one[2 * u]) + np.float32(one[2 * u + 1]))
+        else:
+            for u in range(len(line)):
+                p, q = np.float32(one[4 * u]), np.float32(one[4 * u + 1])
+                line[u] += scale * (p + q + (np.float32(one[4 * u + 2]) + np.float32(one[4 * u + 3])))
 
 
 @numba.njit(**MODE)
-def road_sums(near, far, first, last, sums):  # type: ignore[no-untyped-def]
+def road_sums(near, far, first, last, step, sums):  # type: ignore[no-untyped-def]
     """See `low_reference.road_sums`."""
     sums[:] = 0
     strips, blocks = sums.shape[0], sums.shape[1]
-    for i in range(len(first)):
+    for i in range(0, len(first), step):
         u0, u1 = first[i] + 1, last[i] - 1
-        n, f = near[i], far[i]
         for k in range(blocks):
             a, b = u0 + (u1 - u0) * k // blocks, u0 + (u1 - u0) * (k + 1) // blocks
-            add_block(n, f, a, b, sums[i * strips // len(first), k])
+            if b > a:
+                add_block(near[i, a - 1 : b + 1], far[i, a - 1 : b + 1], sums[i * strips // len(first), k])
 
 
 @numba.njit(**MODE)
-def add_block(n, f, a, b, s):  # type: ignore[no-untyped-def]
-    """Add the sums over columns a .. b of one row."""
+def add_block(n, f, s):  # type: ignore[no-untyped-def]
+    """Add the sums over one row of a block, which comes with a column more on either side."""
     zero = np.float32(0)
     g1, e1, gg, ge, ee, n1, f1 = zero, zero, zero, zero, zero, zero, zero
-    for u in range(a, b):
-        e = n[u] - f[u]
-        g = np.float32(0.25) * (n[u + 1] - n[u - 1] + f[u + 1] - f[u - 1])
+    for u in range(len(n) - 2):
+        e = n[u + 1] - f[u + 1]
+        g = np.float32(0.25) * (n[u + 2] - n[u] + f[u + 2] - f[u])
         g1 += g
         e1 += e
         gg += g * g
         ge += g * e
         ee += e * e
-        n1 += n[u]
-        f1 += f[u]
-    s[0] += max(b - a, 0)
+        n1 += n[u + 1]
+        f1 += f[u + 1]
+    s[0] += len(n) - 2
     s[1] += g1
     s[2] += e1
     s[3] += gg
@@ -113,35 +111,29 @@ def add_block(n, f, a, b, s):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(**MODE)
-def weigh(near, far, first, last, variance, weight, misfit):  # type: ignore[no-untyped-def]
+def weigh(near, far, first, last, variance, weight):  # type: ignore[no-untyped-def]
     """See `low_reference.weigh`."""
-    tolerance = np.float32(TOLERANCE_PX * TOLERANCE_PX)
+    tolerance = np.float32(TOLERANCE_PX * TOLERANCE_PX / 4)
+    v = np.float32(variance)
     for i in range(len(first)):
-        n, f, w, m = near[i], far[i], weight[i], misfit[i]
-        v = np.float32(variance[i])
-        for u in range(first[i] + 1, last[i] - 1):
-            g = np.float32(0.5) * (n[u + 1] - n[u - 1])
-            h = np.float32(0.5) * (f[u + 1] - f[u - 1])
+        n, f, w = near[i, first[i] : last[i]], far[i, first[i] : last[i]], weight[i, first[i] + 1 : last[i] - 1]
+        for u in range(len(w)):
+            g, h = n[u + 2] - n[u], f[u + 2] - f[u]
             w[u] = np.float32(1) / (v + tolerance * max(g * g, h * h))
-            e = n[u] - f[u]
-            m[u] = min(e * e * w[u], np.float32(CLIP))
 
 
 @numba.njit(**MODE)
-def score(near, far, weight, misfit, first, last, d_px, feet, tall, wide, scores, heights):  # type: ignore[no-untyped-def]
+def score(near, far, weight, first, last, d_px, feet, tall, wide, scores, heights):  # type: ignore[no-untyped-def]
     """See `low_reference.score`."""
-    gained = np.zeros(near.shape[1], np.float32)
-    changed = np.zeros(near.shape[1], np.float32)
+    sums = np.zeros((2, near.shape[1]), np.float32)
+    gained, changed = sums[0], sums[1]
     for k in range(len(feet)):
         foot = feet[k]
         u0, u1 = first[foot] + 1, last[foot] - 1
-        half = wide[k] // 2
         scores[k, :] = 0
-        heights[k, :] = 0
         if u1 - u0 < wide[k] + 8:
             continue
-        gained[u0:u1] = 0
-        changed[u0:u1] = 0
+        sums[:, u0:u1] = 0
         d_foot = 0.5 * (d_px[foot] + d_px[foot - 1])
         done = 0
         noise = np.float32(0)
@@ -150,40 +142,118 @@ def score(near, far, weight, misfit, first, last, d_px, feet, tall, wide, scores
                 i = foot - j
                 rise = d_foot - d_px[i]
                 whole = int(np.floor(rise))
-                r = np.float32(rise - whole)
-                rest = np.float32(1) - r
-                level = np.float32(1) / (np.float32(1) - np.float32(LINEAR) * r * rest)
-                noise += np.float32(wide[k]) * (np.float32(1) - np.float32(alike(rise)))
-                a = u0 + whole + 1
-                n, w, m, s, c = near[i, a:u1], weight[i, a:u1], misfit[i, a:u1], gained[a:u1], changed[a:u1]
-                f, f0, f1 = far[i, a:u1], far[i, a - whole : u1 - whole], far[i, a - whole - 1 : u1 - whole - 1]
-                for u in range(u1 - a):
-                    p = rest * f0[u] + r * f1[u]
-                    e = n[u] - p
-                    d = f[u] - p
-                    s[u] += m[u] - min(e * e * w[u] * level, np.float32(CLIP))
-                    c[u] += min(d * d * w[u] * level, np.float32(CLIP))
+                noise += np.float32(wide[k] * (1 - alike(rise)))
+                a = u0 + max(whole, 0) + 1
+                add_row(near[i, a:u1], weight[i, a:u1], far[i], a, whole, rise - whole, gained[a:u1], changed[a:u1])
             done = tall[k, t]
-            total = np.float32(0)
-            change = np.float32(0)
-            best, which = scores[k], heights[k]
-            for u in range(u0, u0 + wide[k]):
-                total += gained[u]
-                change += changed[u]
-            for u in range(u0, u1 - wide[k]):
-                if total > 0 and change > noise:
-                    value = total / np.float32(2 * CORRELATED) * np.sqrt((change - noise) / change)
-                    if value > best[u + half]:
-                        best[u + half] = value
-                        which[u + half] = t
-                total += gained[u + wide[k]] - gained[u]
-                change += changed[u + wide[k]] - changed[u]
+            slide(gained, changed, u0, u1, wide[k], noise, scores[k], heights[k], t)
+
+
+@numba.njit(**MODE)
+def add_row(n, w, far, a, whole, part, gained, changed):  # type: ignore[no-untyped-def]
+    """Add one row of a template: how much better it fits, and how much it differs from the road."""
+    r = np.float32(part)
+    rest = np.float32(1) - r
+    # Between two pixels noise is averaged away; an honest comparison puts it back.
+    level = np.float32(1 / (1 - LINEAR * part * (1 - part)))
+    clip = np.float32(CLIP)
+    f, g = far[a : a + len(n)], far[a - whole - 1 : a - whole + len(n)]
+    for u in range(len(n)):
+        p = rest * g[u + 1] + r * g[u]
+        e0, e1, d = n[u] - f[u], n[u] - p, f[u] - p
+        v = w[u] * level
+        gained[u] += min(e0 * e0 * w[u], clip) - min(e1 * e1 * v, clip)
+        changed[u] += min(d * d * v, clip)
+
+
+@numba.njit(**MODE)
+def slide(gained, changed, u0, u1, wide, noise, best, which, t):  # type: ignore[no-untyped-def]
+    """Slide a window over a row of templates and keep the best height of each place."""
+    half = wide // 2
+    total = np.float32(0)
+    change = np.float32(0)
+    for u in range(u0, u0 + wide):
+        total += gained[u]
+        change += changed[u]
+    for u in range(u0, u1 - wide):
+        if total > 0 and change > noise:
+            value = total / np.float32(2 * CORRELATED) * np.sqrt((change - noise) / change)
+            if value > best[u + half]:
+                best[u + half] = value
+                which[u + half] = t
+        total += gained[u + wide] - gained[u]
+        change += changed[u + wide] - changed[u]
 
 
 @numba.njit(**MODE)
 def alike(shift_px):  # type: ignore[no-untyped-def]
     """Return the correlation of the noise of two smoothed pixels so far apart."""
-    if shift_px >= 3:
+    shift = abs(shift_px)
+    if shift >= 3:
         return 0.0
-    i = int(shift_px)
-    return ALIKE[i] + (shift_px - i) * (ALIKE[i + 1] - ALIKE[i])
+    i = int(shift)
+    return ALIKE[i] + (shift - i) * (ALIKE[i + 1] - ALIKE[i])
+
+
+@numba.njit(**MODE)
+def pick(scores, heights, feet, tall, wide, evidence, hits):  # type: ignore[no-untyped-def]
+    """See `low_reference.pick`."""
+    count = 0
+    while count < len(hits):
+        best = np.float32(evidence)
+        at_k, at_u = -1, -1
+        for k in range(scores.shape[0]):
+            row = scores[k]
+            top = np.float32(0)
+            for u in range(len(row)):
+                top = max(top, row[u])
+            if top > best:
+                best, at_k = top, k
+        if at_k < 0:
+            break
+        for u in range(scores.shape[1]):
+            if scores[at_k, u] == best:
+                at_u = u
+                break
+        hit = hits[count]
+        hit[0], hit[1], hit[2], hit[3] = at_k, at_u, heights[at_k, at_u], best
+        count += 1
+        for k in range(scores.shape[0]):
+            if abs(feet[k] - feet[at_k]) <= tall[at_k, -1]:
+                scores[k, max(0, at_u - wide[at_k]) : at_u + wide[at_k] + 1] = 0
+    return count
+
+
+@numba.njit(**MODE)
+def confirm(near, far, weight, d_px, first, last, foot, tall, column, wide):  # type: ignore[no-untyped-def]
+    """See `low_reference.confirm`."""
+    u0 = column - wide // 2
+    d_foot = 0.5 * (d_px[foot] + d_px[foot - 1])
+    # The rows above are the shorter ones.
+    top = foot - tall
+    a, b = max(u0 - 2 * wide, first[top] + 1), min(u0 + 3 * wide, last[top] - 1)
+    around = np.empty(tall * (b - a), np.float32)
+    for j in range(tall):
+        for u in range(a, b):
+            around[j * (b - a) + u - a] = near[foot - 1 - j, u] - far[foot - 1 - j, u]
+    bias = np.median(around)
+    for j in range(tall):
+        for u in range(a, b):
+            k = j * (b - a) + u - a
+            around[k] = (around[k] - bias) ** 2 * weight[foot - 1 - j, u]
+    unrest = max(1.0, np.median(around) / CALM)
+    plain, honest = 0.0, 0.0
+    for j in range(1, tall + 1):
+        i = foot - j
+        rise = d_foot - d_px[i]
+        whole = int(np.floor(rise))
+        r = rise - whole
+        level = 1 / (1 - LINEAR * r * (1 - r))
+        for u in range(u0, u0 + wide):
+            e0 = near[i, u] - far[i, u]
+            e1 = near[i, u] - (1 - r) * far[i, u - whole] - r * far[i, u - whole - 1]
+            w = weight[i, u]
+            plain += min(e0 * e0 * w, CLIP) - min(e1 * e1 * w * level, CLIP)
+            e0, e1 = e0 - bias, e1 - bias
+            honest += min(e0 * e0 * w, CLIP) - min(e1 * e1 * w * level, CLIP)
+    return honest / max(plain, 1e-6) / unrest, honest / (tall * wide) / unrest

@@ -21,6 +21,11 @@ from roadblock.values.scene import GroundPlane, Region
 BLOCKS = 6
 """Across the corridor, where the road's own offset is measured."""
 STRIP_ROWS = 6
+NOISE_FLOOR = 0.3
+"""Least variance of a difference of two smoothed pixels: of rounding, and a little."""
+MOST_HITS = 40
+KERB_M, KERB_HITS = 2.0, 6
+"""What goes on for longer than this, in so many hits, is a kerb or a verge."""
 
 
 class LowSettings(BaseModel):
@@ -32,8 +37,9 @@ class LowSettings(BaseModel):
     reach_m: tuple[float, float] = Field((5.0, 35.0), description="From here to there, ahead.")
     heights_m: tuple[float, ...] = Field((0.08, 0.14, 0.25), description="Heights that are tried.")
     width_m: float = Field(0.12, gt=0, description="Width of a patch.")
-    sample_m: float = Field(0.02, gt=0, description="Pixels finer than this are averaged, two by two.")
-    evidence: float = Field(12.0, gt=0, description="Least log-likelihood ratio against the road.")
+    sample_m: float = Field(0.03, gt=0, description="Pixels finer than this are averaged, two by two.")
+    evidence: float = Field(8.0, gt=0, description="Least log-likelihood ratio against the road, ...")
+    gain: float = Field(1.0, gt=0, description="... and how much of it each pixel must give at least.")
 
 
 def _grey(image: Image) -> Image:
@@ -57,7 +63,43 @@ class Band:
     near: NDArray[np.float32]
     far: NDArray[np.float32]
     weight: NDArray[np.float32]
-    misfit: NDArray[np.float32]
+    variance: float = 1.0
+
+    @property
+    def strips(self) -> int:
+        return max(1, len(self.rows) // STRIP_ROWS)
+
+    def warp(self, left: Image, right: Image, gain, tilt: float, step: int = 1) -> None:
+        gains = np.broadcast_to(np.asarray(gain, float), self.d_px.shape).copy()
+        kernels.warp(
+            left,
+            right,
+            self.bin_px,
+            self.rows,
+            self.first,
+            self.last,
+            self.d_px,
+            self.slope,
+            self.middle,
+            gains,
+            tilt,
+            step,
+            self.near,
+            self.far,
+        )
+
+    def measure(self, step: int = 1) -> NDArray[np.float32]:
+        sums = np.empty((self.strips, BLOCKS, 8), np.float32)
+        kernels.road_sums(self.near, self.far, self.first, self.last, step, sums)
+        return sums
+
+    def blocks(self) -> tuple[FloatArray, FloatArray]:
+        """Return where the blocks are: column from the middle and row, full-resolution pixels."""
+        at = (np.arange(self.strips) + 0.5) * len(self.rows) / self.strips
+        a, z = self.first[at.astype(int)], self.last[at.astype(int)]
+        u = a[:, None] + (z - a)[:, None] * (np.arange(BLOCKS) + 0.5) / BLOCKS - self.middle
+        v = np.broadcast_to((self.rows[0] + at)[:, None], u.shape)
+        return self.bin_px * u, self.bin_px * v
 
 
 class LowFinder:
@@ -78,7 +120,7 @@ class LowFinder:
     def images(self, c: int, rows: int, width: int) -> NDArray[np.float32]:
         have = self.scratch.get(c)
         if have is None or have.shape[1] < rows or have.shape[2] != width:
-            have = self.scratch[c] = np.zeros((4, rows + 8, width), np.float32)
+            have = self.scratch[c] = np.zeros((3, rows + 8, width), np.float32)
         return have
 
     def bands(self, r: Rectification, ground: GroundPlane) -> list[Band]:
@@ -117,7 +159,7 @@ class LowFinder:
             images = self.images(c, len(rows), width // c)
             n = len(rows)
             mid = (middle - (c - 1) / 2) / c
-            bands.append(Band(c, rows, first, last, d / c, slope, mid, z, *(images[k][:n] for k in range(4))))
+            bands.append(Band(c, rows, first, last, d / c, slope, mid, z, *(images[k][:n] for k in range(3))))
         return bands
 
 
@@ -131,100 +173,63 @@ class Hit:
     tall: int
     wide: int
     evidence: float
+    is_sure: bool
 
 
-def examine(  # noqa: PLR0915
+def examine(
     finder: LowFinder, left: Image, right: Image, r: Rectification, ground: GroundPlane
 ) -> tuple[list[Band], list[Hit]]:
     s = finder.settings
     bands = finder.bands(r, ground)
+    if not bands:
+        return [], []
     measured = []
     for b in bands:
-        strips = max(1, len(b.rows) // STRIP_ROWS)
-        sums = np.zeros((strips, BLOCKS, 8), np.float32)
-        kernels.warp(
-            left,
-            right,
-            b.bin_px,
-            b.rows,
-            b.first,
-            b.last,
-            b.d_px,
-            b.slope,
-            b.middle,
-            np.ones(len(b.rows)),
-            0.0,
-            b.near,
-            b.far,
-        )
-        kernels.road_sums(b.near, b.far, b.first, b.last, sums)
-        v = b.bin_px * (b.rows[0] + (np.arange(strips) + 0.5) * len(b.rows) / strips)
-        k = (np.arange(BLOCKS) + 0.5) / BLOCKS
-        at = (np.arange(strips) + 0.5) * len(b.rows) / strips
-        a, z = b.first[at.astype(int)], b.last[at.astype(int)]
-        u = b.bin_px * (a[:, None] + (z - a)[:, None] * k - b.middle)
-        measured.append((b.bin_px, v, sums, u))
+        b.warp(left, right, 1.0, 0.0, step=2)
+        measured.append((b.bin_px, *b.blocks(), b.measure(step=2)))
     line, (g0, gu, gv) = road_offset(measured)
     hits = []
     for number, b in enumerate(bands):
-        b.d_px += np.polyval(line, b.bin_px * b.rows) / b.bin_px
-        strips = max(1, len(b.rows) // STRIP_ROWS)
-        sums = np.zeros((strips, BLOCKS, 8), np.float32)
-        kernels.warp(
-            left,
-            right,
-            b.bin_px,
-            b.rows,
-            b.first,
-            b.last,
-            b.d_px,
-            b.slope,
-            b.middle,
-            g0 + gv * b.bin_px * b.rows,
-            gu * b.bin_px,
-            b.near,
-            b.far,
-        )
-        kernels.road_sums(b.near, b.far, b.first, b.last, sums)
-        variance = max(0.3, float(np.percentile(sums[..., 5] / np.maximum(sums[..., 0], 1), 40)))
-        b.variance = variance
-        b.sums = sums
-        kernels.weigh(b.near, b.far, b.first, b.last, np.full(len(b.rows), variance), b.weight, b.misfit)
+        v = b.bin_px * b.rows
+        b.d_px += (line[0] * v + line[1]) / b.bin_px
+        b.warp(left, right, g0 + gv * v, gu * b.bin_px)
+        sums = b.measure()
+        b.variance = max(NOISE_FLOOR, float(np.percentile(sums[..., 5] / np.maximum(sums[..., 0], 1), 40)))
+        kernels.weigh(b.near, b.far, b.first, b.last, b.variance, b.weight)
         tall = np.maximum(np.round(np.outer(r.f_px / b.z_m / b.bin_px, s.heights_m)), 1).astype(np.int64)
         feet, i = [], len(b.rows) - 1
         while i - tall[i, -1] >= 0:
             feet.append(i)
             i -= max(1, int(tall[i, 0] // 3))
+        if not feet:
+            continue
         feet = np.array(feet)
         wide = np.maximum(np.round(s.width_m * r.f_px / b.z_m[feet] / b.bin_px), 3).astype(np.int64)
         tall = tall[feet]
-        scores = np.zeros((len(feet), b.near.shape[1]), np.float32)
-        which = np.zeros(scores.shape, np.int8)
-        kernels.score(b.near, b.far, b.weight, b.misfit, b.first, b.last, b.d_px, feet, tall, wide, scores, which)
-        b.scores = scores
-        b.feet = feet
-        scores = scores.copy()
-        while True:
-            k, u = np.unravel_index(np.argmax(scores), scores.shape)
-            if scores[k, u] < s.evidence or len(hits) > 60:
-                break
-            n = int(tall[k, which[k, u]])
-            hits.append(Hit(number, int(feet[k]), int(u), n, int(wide[k]), float(scores[k, u])))
-            near_rows = (feet >= feet[k] - tall[k, -1]) & (feet <= feet[k] + tall[k, -1])
-            scores[near_rows, max(0, u - wide[k]) : u + wide[k] + 1] = 0
+        scores = np.empty((len(feet), b.near.shape[1]), np.float32)
+        which = np.empty(scores.shape, np.int8)
+        kernels.score(b.near, b.far, b.weight, b.first, b.last, b.d_px, feet, tall, wide, scores, which)
+        raw = np.empty((MOST_HITS, 4), np.float64)
+        count = kernels.pick(scores, which, feet, tall, wide, s.evidence, raw)
+        for k, u, t, value in raw[:count]:
+            k, u, n = int(k), int(u), int(tall[int(k), int(t)])
+            share, gain = kernels.confirm(b.near, b.far, b.weight, b.d_px, b.first, b.last, feet[k], n, u, wide[k])
+            value *= min(share, 1.0)
+            sure = bool(value >= s.evidence and gain >= s.gain)
+            hits.append(Hit(number, int(feet[k]), u, n, int(wide[k]), float(value), sure))
     return bands, hits
 
 
 def road_offset(measured) -> tuple[FloatArray, FloatArray]:
     """Fit the road's own offset, full-resolution px, as a line over the image row, and the gain."""
-    v = np.concatenate([np.repeat(v, BLOCKS) for _, v, *_ in measured])
-    scale = np.concatenate([np.full(sums[..., 0].size, c) for c, _, sums, _ in measured])
-    n, g, e, gg, ge, ee, near, far = np.concatenate([sums.reshape(-1, 8) for *_, sums, _ in measured]).astype(float).T
+    u, v = (np.concatenate([m[k].ravel() for m in measured]) for k in (1, 2))
+    scale = np.concatenate([np.full(m[1].size, m[0]) for m in measured])
+    sums = np.concatenate([m[3].reshape(-1, 8) for m in measured])
+    n, g, e, gg, ge, ee, near, far = sums.astype(float).T
     n = np.maximum(n, 1)
     info = np.maximum(gg - g * g / n, 1e-6)
     offset = -scale * (ge - g * e / n) / info
     ratio = near / np.maximum(far, 1)
-    u = np.concatenate([u.ravel() for *_, u in measured])
     A = np.stack([np.ones_like(u), u, v], 1)
     gain = np.array([np.median(ratio), 0.0, 0.0])
     for _ in range(6):
@@ -254,16 +259,23 @@ def regions_of(
     gap = np.maximum(x[:, None, 0] - x[None, :, 1], x[None, :, 0] - x[:, None, 1])
     apart = np.abs(z[:, None] - z[None, :])
     noise = z * z / (r.f_px * r.baseline_m)
-    _, chain = connected_components((gap < 0.3) & (apart < 1.5 + noise[:, None]))
-    _, group = connected_components((gap < 0.15) & (apart < 0.3 + 0.5 * noise[:, None]))
+    _, chain = connected_components(
+        (gap < 0.3 + 0.4 * apart) & (apart < 1.0 + 0.15 * z[:, None] + 0.5 * noise[:, None])
+    )
+    sure = np.array([h.is_sure for h in hits])
+    _, group = connected_components((gap < 0.15) & (apart < 0.3 + 0.5 * noise[:, None]) & sure & sure[:, None])
     found = []
     for g in range(group.max() + 1):
-        mine = np.flatnonzero(group == g)
-        along = z[chain == chain[mine[0]]]
-        if np.ptp(along) > 2.0 + noise[mine].max():
+        mine = np.flatnonzero((group == g) & sure)
+        if len(mine) == 0 or _goes_on(z[chain == chain[mine[0]]], float(noise[mine].max())):
             continue
         found.append(_region([bands[hits[k].band] for k in mine], [hits[k] for k in mine], box[mine], image))
     return tuple(found)
+
+
+def _goes_on(z_m: FloatArray, noise_m: float) -> bool:
+    """Whether hits line up along the road, as those of a kerb or a verge do."""
+    return bool(len(z_m) >= KERB_HITS and np.ptp(z_m) > KERB_M + noise_m)
 
 
 def box_of(b: Band, h: Hit) -> tuple[int, int, int, int]:
