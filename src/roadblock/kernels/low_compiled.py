@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 
-from roadblock.kernels.low_reference import ALIKE, CALM, CHUNK, CLIP, CORRELATED, LINEAR, TOLERANCE_PX
+from roadblock.kernels.low_reference import ALIKE, BELOW, CALM, CHUNK, CLIP, CORRELATED, LINEAR, TOLERANCE_PX
 
 MODE = {
     "cache": True,
@@ -242,18 +242,35 @@ def confirm(near, far, weight, d_px, first, last, foot, tall, column, wide):  # 
             k = j * (b - a) + u - a
             around[k] = (around[k] - bias) ** 2 * weight[foot - 1 - j, u]
     unrest = max(1.0, np.median(around) / CALM)
+    misfits = np.zeros(len(BELOW))
     plain, honest = 0.0, 0.0
     for j in range(1, tall + 1):
         i = foot - j
         rise = d_foot - d_px[i]
-        whole = int(np.floor(rise))
-        r = rise - whole
-        level = 1 / (1 - LINEAR * r * (1 - r))
         for u in range(u0, u0 + wide):
-            e0 = near[i, u] - far[i, u]
-            e1 = near[i, u] - (1 - r) * far[i, u - whole] - r * far[i, u - whole - 1]
             w = weight[i, u]
-            plain += min(e0 * e0 * w, CLIP) - min(e1 * e1 * w * level, CLIP)
-            e0, e1 = e0 - bias, e1 - bias
-            honest += min(e0 * e0 * w, CLIP) - min(e1 * e1 * w * level, CLIP)
+            e0, e1 = near[i, u] - far[i, u], difference(near[i], far[i], u, rise)
+            v = w * level_of(rise)
+            plain += min(e0 * e0 * w, CLIP) - min(e1 * e1 * v, CLIP)
+            honest -= min((e1 - bias) ** 2 * v, CLIP)
+            for k in range(len(BELOW)):
+                sunk = -BELOW[k][0] * rise - BELOW[k][1]
+                e = difference(near[i], far[i], u, sunk) - bias
+                misfits[k] += min(e * e * w * level_of(sunk), CLIP)
+    honest += misfits.min()
     return honest / max(plain, 1e-6) / unrest, honest / (tall * wide) / unrest
+
+
+@numba.njit(**MODE)
+def difference(n, f, u, rise):  # type: ignore[no-untyped-def]
+    """Return how a pixel differs from what stands `rise` pixels of disparity over the road."""
+    whole = int(np.floor(rise))
+    r = rise - whole
+    return n[u] - (1 - r) * f[u - whole] - r * f[u - whole - 1]
+
+
+@numba.njit(**MODE)
+def level_of(rise):  # type: ignore[no-untyped-def]
+    """Return what puts back the noise that interpolation averages away."""
+    r = rise - np.floor(rise)
+    return 1 / (1 - LINEAR * r * (1 - r))

@@ -24,6 +24,8 @@ LINEAR = 1 / 3
 """Linear interpolation at t takes this times t (1 - t) from the variance of a difference of smoothed pixels."""
 CORRELATED = 1.94
 """Sum of the squares of `ALIKE`, both ways: so many pixels say what one independent one would."""
+BELOW = ((0.0, 0.0), (0.0, 0.3), (0.0, 0.6), (0.0, 1.0), (0.5, 0.0), (0.5, 0.5), (1.0, 0.0), (1.0, 0.5), (1.0, 1.0))
+"""What a mirror in the road may show: the rise of what stands, turned down and scaled, and pixels further down."""
 CALM = 0.73
 """Median of squared differences that a road may have: of Gaussian ones it is 0.455."""
 
@@ -178,7 +180,8 @@ def confirm(
     """Return the share of a hit's evidence that is left, and the gain a pixel, once the surroundings are looked at.
 
     Light that does not lie in the road (a mirrored sky) moves the whole neighbourhood's brightness: its median is taken
-    off; where the neighbourhood fits badly as it is, evidence counts for less.
+    off; where the neighbourhood fits badly as it is, evidence counts for less. And standing must be better not only than
+    the road, but than anything mirrored in it (`BELOW`).
     """
     u0, top = column - wide // 2, foot - tall
     u = np.arange(max(u0 - 2 * wide, first[top] + 1), min(u0 + 3 * wide, last[top] - 1))
@@ -186,11 +189,17 @@ def confirm(
     around = near[rows, u[0] : u[-1] + 1] - far[rows, u[0] : u[-1] + 1]
     bias = np.median(around)
     unrest = max(1.0, float(np.median((around - bias) ** 2 * weight[rows, u[0] : u[-1] + 1])) / CALM)
+    misfits = np.zeros(len(BELOW))
     plain, honest = 0.0, 0.0
     u = np.arange(u0, u0 + wide)
     for i in range(top, foot):
-        e0, e1, level = _differences(near, far, i, u, float((d_px[foot] + d_px[foot - 1]) / 2 - d_px[i]))
+        rise = float((d_px[foot] + d_px[foot - 1]) / 2 - d_px[i])
+        e0, e1, level = _differences(near, far, i, u, rise)
         w = weight[i, u]
         plain += float((_clipped(e0, w) - _clipped(e1, w * level)).sum())
-        honest += float((_clipped(e0 - bias, w) - _clipped(e1 - bias, w * level)).sum())
+        honest -= float(_clipped(e1 - bias, w * level).sum())
+        for k, (part, down) in enumerate(BELOW):
+            _, e, level = _differences(near, far, i, u, -part * rise - down)
+            misfits[k] += _clipped(e - bias, w * level).sum()
+    honest += float(misfits.min())
     return honest / max(plain, 1e-6) / unrest, honest / (tall * wide) / unrest

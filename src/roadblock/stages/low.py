@@ -24,7 +24,8 @@ STRIP_ROWS = 6
 NOISE_FLOOR = 0.3
 """Least variance of a difference of two smoothed pixels: of rounding, and a little."""
 MOST_HITS = 40
-KERB_M, KERB_HITS = 2.0, 6
+WEAK, NEARER = 0.75, 0.7
+KERB_M, KERB_HITS = 2.5, 7
 """What goes on for longer than this, in so many hits, is a kerb or a verge."""
 
 
@@ -38,7 +39,7 @@ class LowSettings(BaseModel):
     heights_m: tuple[float, ...] = Field((0.08, 0.14, 0.25), description="Heights that are tried.")
     width_m: float = Field(0.12, gt=0, description="Width of a patch.")
     sample_m: float = Field(0.03, gt=0, description="Pixels finer than this are averaged, two by two.")
-    evidence: float = Field(8.0, gt=0, description="Least log-likelihood ratio against the road, ...")
+    evidence: float = Field(7.2, gt=0, description="Least log-likelihood ratio against the road at the far end, ...")
     gain: float = Field(1.0, gt=0, description="... and how much of it each pixel must give at least.")
 
 
@@ -209,15 +210,26 @@ def examine(
         scores = np.empty((len(feet), b.near.shape[1]), np.float32)
         which = np.empty(scores.shape, np.int8)
         kernels.score(b.near, b.far, b.weight, b.first, b.last, b.d_px, feet, tall, wide, scores, which)
-        raw = np.empty((MOST_HITS, 4), np.float64)
-        count = kernels.pick(scores, which, feet, tall, wide, s.evidence, raw)
-        for k, u, t, value in raw[:count]:
-            k, u, n = int(k), int(u), int(tall[int(k), int(t)])
-            share, gain = kernels.confirm(b.near, b.far, b.weight, b.d_px, b.first, b.last, feet[k], n, u, wide[k])
-            value *= min(share, 1.0)
-            sure = bool(value >= s.evidence and gain >= s.gain)
-            hits.append(Hit(number, int(feet[k]), u, n, int(wide[k]), float(value), sure))
+        hits += _hits(number, b, scores, which, feet, tall, wide, s)
     return bands, hits
+
+
+def _hits(number, b: Band, scores, which, feet, tall, wide, s: LowSettings) -> list[Hit]:
+    """Take the best patches; if one is sure, also the weak ones, which show what goes on along the road."""
+    hits: list[Hit] = []
+    raw = np.empty((MOST_HITS, 4))
+    for least in (s.evidence, WEAK * s.evidence):
+        count = kernels.pick(scores, which, feet, tall, wide, least, raw)
+        for k, u, t, value in raw[:count]:
+            i, n = int(k), int(tall[int(k), int(t)])
+            share, gain = kernels.confirm(b.near, b.far, b.weight, b.d_px, b.first, b.last, feet[i], n, int(u), wide[i])
+            # Nearer patches have more pixels, and the model's small errors add up.
+            need = s.evidence * (s.reach_m[1] / b.z_m[feet[i]]) ** NEARER
+            sure = bool(value * min(share, 1.0) >= need and gain >= s.gain)
+            hits.append(Hit(number, int(feet[i]), int(u), n, int(wide[i]), float(value), sure))
+        if not any(hit.is_sure for hit in hits):
+            break
+    return hits
 
 
 def road_offset(measured) -> tuple[FloatArray, FloatArray]:
@@ -259,23 +271,23 @@ def regions_of(
     gap = np.maximum(x[:, None, 0] - x[None, :, 1], x[None, :, 0] - x[:, None, 1])
     apart = np.abs(z[:, None] - z[None, :])
     noise = z * z / (r.f_px * r.baseline_m)
-    _, chain = connected_components(
-        (gap < 0.3 + 0.4 * apart) & (apart < 1.0 + 0.15 * z[:, None] + 0.5 * noise[:, None])
-    )
+    near_by = (gap < 0.3 + 0.4 * apart) & (apart < 1.0 + 0.15 * z[:, None] + 0.3 * noise[:, None])
+    _, chain = connected_components(near_by)
     sure = np.array([h.is_sure for h in hits])
     _, group = connected_components((gap < 0.15) & (apart < 0.3 + 0.5 * noise[:, None]) & sure & sure[:, None])
     found = []
     for g in range(group.max() + 1):
         mine = np.flatnonzero((group == g) & sure)
-        if len(mine) == 0 or _goes_on(z[chain == chain[mine[0]]], float(noise[mine].max())):
+        if len(mine) == 0 or _goes_on(z, x, chain == chain[mine[0]], float(noise[mine].max())):
             continue
         found.append(_region([bands[hits[k].band] for k in mine], [hits[k] for k in mine], box[mine], image))
     return tuple(found)
 
 
-def _goes_on(z_m: FloatArray, noise_m: float) -> bool:
-    """Whether hits line up along the road, as those of a kerb or a verge do."""
-    return bool(len(z_m) >= KERB_HITS and np.ptp(z_m) > KERB_M + noise_m)
+def _goes_on(z_m: FloatArray, x_m: FloatArray, chain: NDArray[np.bool_], noise_m: float) -> bool:
+    """Whether hits line up for long, as those of a kerb or a verge do."""
+    along = max(0.0, float(np.ptp(z_m[chain])) - 0.3 * noise_m)
+    return bool(chain.sum() >= KERB_HITS and np.hypot(along, np.ptp(x_m[chain])) > KERB_M)
 
 
 def box_of(b: Band, h: Hit) -> tuple[int, int, int, int]:
