@@ -77,8 +77,8 @@ def road_sums(near: Plane, far: Plane, first: Whole, last: Whole, step: int, sum
     for i in range(0, len(first), step):
         u0, u1 = first[i] + 1, last[i] - 1
         edges = u0 + (u1 - u0) * np.arange(blocks + 1) // blocks
-        for k, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
-            u = np.arange(a, b)
+        for k in range(blocks):
+            u = np.arange(edges[k], edges[k + 1])
             e = near[i, u] - far[i, u]
             g = 0.25 * (near[i, u + 1] - near[i, u - 1] + far[i, u + 1] - far[i, u - 1])
             terms = (np.ones_like(e), g, e, g * g, g * e, e * e, near[i, u], far[i, u])

@@ -24,8 +24,13 @@ STRIP_ROWS = 6
 NOISE_FLOOR = 0.3
 """Least variance of a difference of two smoothed pixels: of rounding, and a little."""
 MOST_HITS = 40
-WEAK, NEARER = 0.75, 0.7
-KERB_M, KERB_HITS = 2.5, 7
+WEAK = 0.75
+"""So much of the evidence makes a weak hit, which only helps to tell kerbs."""
+NEARER = 0.7
+"""Power of range by which nearer patches, which have more pixels, need more evidence, ..."""
+AVERAGED_M = 10.0
+"""... up to here: nearer pixels are averaged."""
+KERB_M, KERB_HITS = 2.5, 8
 """What goes on for longer than this, in so many hits, is a kerb or a verge."""
 
 
@@ -68,9 +73,11 @@ class Band:
 
     @property
     def strips(self) -> int:
+        """How many groups of rows the road is measured in."""
         return max(1, len(self.rows) // STRIP_ROWS)
 
-    def warp(self, left: Image, right: Image, gain, tilt: float, step: int = 1) -> None:
+    def warp(self, left: Image, right: Image, gain: FloatArray | float, tilt: float, step: int = 1) -> None:
+        """Fill `near` and `far` (see the kernel)."""
         gains = np.broadcast_to(np.asarray(gain, float), self.d_px.shape).copy()
         kernels.warp(
             left,
@@ -90,6 +97,7 @@ class Band:
         )
 
     def measure(self, step: int = 1) -> NDArray[np.float32]:
+        """Return the sums of each block (see the kernel)."""
         sums = np.empty((self.strips, BLOCKS, 8), np.float32)
         kernels.road_sums(self.near, self.far, self.first, self.last, step, sums)
         return sums
@@ -116,15 +124,17 @@ class LowFinder:
             return ()
         left, right = (_grey(image) for image in (pair.left, pair.right))
         bands, hits = examine(self, left, right, pair.rectification, ground)
-        return regions_of(bands, hits, pair.left, pair.rectification, self.settings)
+        return regions_of(bands, hits, pair.left, pair.rectification)
 
     def images(self, c: int, rows: int, width: int) -> NDArray[np.float32]:
+        """Return (3, at least rows, width) scratch images of one averaging, made once."""
         have = self.scratch.get(c)
         if have is None or have.shape[1] < rows or have.shape[2] != width:
             have = self.scratch[c] = np.zeros((3, rows + 8, width), np.float32)
         return have
 
     def bands(self, r: Rectification, ground: GroundPlane) -> list[Band]:
+        """Return the corridor's rows, from coarse (near) to full resolution (far)."""
         s = self.settings
         width, height = r.size_px
         v = np.arange(height, dtype=float)
@@ -180,6 +190,7 @@ class Hit:
 def examine(
     finder: LowFinder, left: Image, right: Image, r: Rectification, ground: GroundPlane
 ) -> tuple[list[Band], list[Hit]]:
+    """Lay the images over each other by the road, correct the road by itself, and return the patches that stand."""
     s = finder.settings
     bands = finder.bands(r, ground)
     if not bands:
@@ -214,7 +225,16 @@ def examine(
     return bands, hits
 
 
-def _hits(number, b: Band, scores, which, feet, tall, wide, s: LowSettings) -> list[Hit]:
+def _hits(
+    number: int,
+    b: Band,
+    scores: NDArray[np.float32],
+    which: NDArray[np.int8],
+    feet: NDArray[np.int64],
+    tall: NDArray[np.int64],
+    wide: NDArray[np.int64],
+    s: LowSettings,
+) -> list[Hit]:
     """Take the best patches; if one is sure, also the weak ones, which show what goes on along the road."""
     hits: list[Hit] = []
     raw = np.empty((MOST_HITS, 4))
@@ -224,7 +244,7 @@ def _hits(number, b: Band, scores, which, feet, tall, wide, s: LowSettings) -> l
             i, n = int(k), int(tall[int(k), int(t)])
             share, gain = kernels.confirm(b.near, b.far, b.weight, b.d_px, b.first, b.last, feet[i], n, int(u), wide[i])
             # Nearer patches have more pixels, and the model's small errors add up.
-            need = s.evidence * (s.reach_m[1] / b.z_m[feet[i]]) ** NEARER
+            need = s.evidence * (s.reach_m[1] / max(b.z_m[feet[i]], AVERAGED_M)) ** NEARER
             sure = bool(value * min(share, 1.0) >= need and gain >= s.gain)
             hits.append(Hit(number, int(feet[i]), int(u), n, int(wide[i]), float(value), sure))
         if not any(hit.is_sure for hit in hits):
@@ -232,12 +252,14 @@ def _hits(number, b: Band, scores, which, feet, tall, wide, s: LowSettings) -> l
     return hits
 
 
-def road_offset(measured) -> tuple[FloatArray, FloatArray]:
+def road_offset(
+    measured: list[tuple[int, FloatArray, FloatArray, NDArray[np.float32]]],
+) -> tuple[FloatArray, FloatArray]:
     """Fit the road's own offset, full-resolution px, as a line over the image row, and the gain."""
     u, v = (np.concatenate([m[k].ravel() for m in measured]) for k in (1, 2))
     scale = np.concatenate([np.full(m[1].size, m[0]) for m in measured])
     sums = np.concatenate([m[3].reshape(-1, 8) for m in measured])
-    n, g, e, gg, ge, ee, near, far = sums.astype(float).T
+    n, g, e, gg, ge, _, near, far = sums.astype(float).T
     n = np.maximum(n, 1)
     info = np.maximum(gg - g * g / n, 1e-6)
     offset = -scale * (ge - g * e / n) / info
@@ -259,9 +281,7 @@ def road_offset(measured) -> tuple[FloatArray, FloatArray]:
     return np.array([line[0], line[1] - line[0] * v.mean()]), gain
 
 
-def regions_of(
-    bands: list[Band], hits: list[Hit], image: Image, r: Rectification, s: LowSettings
-) -> tuple[Region, ...]:
+def regions_of(bands: list[Band], hits: list[Hit], image: Image, r: Rectification) -> tuple[Region, ...]:
     """Join hits side by side to regions; what goes on along the road (a kerb, a verge) is none."""
     if not hits:
         return ()
@@ -335,6 +355,7 @@ def drop_covered(low: tuple[Region, ...], ordinary: tuple[Region, ...]) -> tuple
 
 
 def road_z(r: Rectification, ground: GroundPlane, u: FloatArray, v: FloatArray) -> FloatArray:
+    """Return the forward distance of the road at pixels of the rectified left image, metres; NaN over the horizon."""
     n_x, n_y, n_z = ground.normal
     b = n_x * (u - r.cx_px) / r.f_px + n_y * (v - r.cy_px) / r.f_px + n_z
     h = ground.height_m - n_x * r.baseline_m / 2
