@@ -1,9 +1,10 @@
-"""Find low obstacles in the simulated world: `python benchmarks/accuracy/low.py [--first SEED] [--cubes N] [--roads N]`.
+"""Find low obstacles in the simulated world: `python benchmarks/accuracy/low.py [options]`.
 
 Cubes of 15 cm, as grey as the asphalt to 20 %, stand at 10, 20 and 30 m, two each, on three kinds of textured road;
 roads with nothing on them come in six kinds (`low_world.py`). The ground is the true one with an error of 0.02 m in
 height and 0.08 deg in pitch (one sigma), or with `--fitted` what `fit_ground` makes of SGBM. Settings were chosen on
-seeds 0 to 99; the figures are of seeds from 1000 on. With options nothing is saved. `--pictures DIR` keeps the pictures.
+cubes 0 to 39 and roads 0 to 119; the figures are of seeds from 1000 on. `--pictures DIR` keeps the pictures; with any
+other option (`--first SEED`, `--cubes N`, `--roads N`, `--fitted`) nothing is saved.
 """
 
 import argparse

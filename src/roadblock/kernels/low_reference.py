@@ -1,8 +1,9 @@
 """The test of low obstacles as plain numpy: slow, short, and what `low_compiled` must reproduce to rounding.
 
-Images are averaged `bin_px` x `bin_px`. The left one (`near`) and the right one (`far`), moved by the road's disparity and
-brought to the left one's brightness, are kept row by row, in the columns `first` .. `last` of each row: what lies on the
-road coincides. Of something standing, a row `rise` pixels of disparity nearer than the road's is found at `far[u - rise]`.
+Images are averaged `bin_px` x `bin_px`. The left one (`near`) and the right one (`far`), moved by the road's disparity
+and brought to the left one's brightness, are kept row by row, in the columns `first` .. `last` of each row: what lies
+on the road coincides. Of something standing, a row `rise` pixels of disparity nearer than the road's is found at
+`far[u - rise]`.
 """
 
 import numpy as np
@@ -106,7 +107,7 @@ def score(
     scores: Plane,
     heights: NDArray[np.int8],
 ) -> None:
-    """Fill `scores` (feet, columns): the log-likelihood ratio of "standing" against "road", and the best height's index.
+    """Fill `scores` (feet, columns), the log-likelihood ratio of "standing" against "road", and the best `heights`.
 
     A template of foot k stands on the upper edge of row `feet[k]`, is `wide[k]` columns wide and one of `tall[k]` rows
     tall. With the squares of the difference to the road G fewer than with the road itself, and D the squares of what
@@ -180,8 +181,8 @@ def confirm(
     """Return the share of a hit's evidence that is left, and the gain a pixel, once the surroundings are looked at.
 
     Light that does not lie in the road (a mirrored sky) moves the whole neighbourhood's brightness: its median is taken
-    off; where the neighbourhood fits badly as it is, evidence counts for less. And standing must be better not only than
-    the road, but than anything mirrored in it (`BELOW`).
+    off; where the neighbourhood fits badly as it is, evidence counts for less. And standing must be better not only
+    than the road, but than anything mirrored in it (`BELOW`).
     """
     u0, top = column - wide // 2, foot - tall
     u = np.arange(max(u0 - 2 * wide, first[top] + 1), min(u0 + 3 * wide, last[top] - 1))

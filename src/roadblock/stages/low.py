@@ -1,4 +1,4 @@
-"""Low: a rectified pair and the road in, low obstacles out. Is a patch of the corridor explained by the road, or not?
+"""Low: a rectified pair and the road in, low obstacles out.
 
 The right image is laid over the left one by the road's own disparity. What is painted on the road then coincides; what
 stands on it slides aside, the more the higher it is. Each patch is asked which of the two explains it better.
