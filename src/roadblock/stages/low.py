@@ -209,13 +209,13 @@ def examine(
         b.variance = max(NOISE_FLOOR, float(np.percentile(sums[..., 5] / np.maximum(sums[..., 0], 1), 40)))
         kernels.weigh(b.near, b.far, b.first, b.last, b.variance, b.weight)
         tall = np.maximum(np.round(np.outer(r.f_px / b.z_m / b.bin_px, s.heights_m)), 1).astype(np.int64)
-        feet, i = [], len(b.rows) - 1
+        chosen, i = [], len(b.rows) - 1
         while i - tall[i, -1] >= 0:
-            feet.append(i)
+            chosen.append(i)
             i -= max(1, int(tall[i, 0] // 3))
-        if not feet:
+        if not chosen:
             continue
-        feet = np.array(feet)
+        feet = np.array(chosen)
         wide = np.maximum(np.round(s.width_m * r.f_px / b.z_m[feet] / b.bin_px), 3).astype(np.int64)
         tall = tall[feet]
         scores = np.empty((len(feet), b.near.shape[1]), np.float32)
@@ -256,7 +256,7 @@ def road_offset(
     measured: list[tuple[int, FloatArray, FloatArray, NDArray[np.float32]]],
 ) -> tuple[FloatArray, FloatArray]:
     """Fit the road's own offset, full-resolution px, as a line over the image row, and the gain."""
-    u, v = (np.concatenate([m[k].ravel() for m in measured]) for k in (1, 2))
+    u, v = np.concatenate([m[1].ravel() for m in measured]), np.concatenate([m[2].ravel() for m in measured])
     scale = np.concatenate([np.full(m[1].size, m[0]) for m in measured])
     sums = np.concatenate([m[3].reshape(-1, 8) for m in measured])
     n, g, e, gg, ge, _, near, far = sums.astype(float).T
@@ -330,7 +330,7 @@ def _region(bands: list[Band], hits: list[Hit], boxes: NDArray[np.int64], image:
     stride = max(b.bin_px for b in bands)
     return Region(
         box_px=(int(u0), int(v0), int(u1), int(v1)),
-        contour_px=cv2.convexHull(corners).reshape(-1, 2),
+        contour_px=np.asarray(cv2.convexHull(corners), np.int32).reshape(-1, 2),
         surface_uvd_px=np.concatenate(surface),
         sigma_d_px=float(np.hypot(0.15, slope * stride)),
         color_rgb=color,
