@@ -3,14 +3,26 @@
 import numba
 import numpy as np
 
-from roadblock.kernels.refine_reference import FIGURES, PHASES, TAPS, interpolation
+from roadblock.kernels.refine_reference import (
+    FIGURES,
+    FURTHEST_STEP_PX,
+    GRADIENT_NOISE,
+    ITERATIONS,
+    LEAST_BLOCK_PX,
+    LEAST_WEIGHT,
+    MOST_BLOCKS,
+    MOST_PIXELS,
+    PHASES,
+    PRIOR_BLOCKS,
+    ROBUST,
+    SEARCH_PX,
+    SWEEPS,
+    TAPS,
+    TENTH,
+    interpolation,
+)
 
 FIR = interpolation()
-LEAST_BLOCK_PX, MOST_BLOCKS, MOST_PIXELS = 8, 400, 8192
-ITERATIONS, SWEEPS, SEARCH_PX = 6, 12, 2
-ROBUST = 3.0
-GRADIENT_NOISE = 0.903
-"""Energy of the gradient's weights: what unit noise adds to the square of a gradient."""
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 N_FIGURES = len(FIGURES)
 
@@ -140,7 +152,7 @@ def refine_region(left, right, box, coarse, planes, blocks, fir, model, figures)
                     r_rr += w * r * r
                     r_e += w * e
                     r_er += w * e * r
-        if r_w < 8:
+        if r_w < LEAST_WEIGHT:
             return
         total = 0.0
         for k in range(n):
@@ -155,7 +167,6 @@ def refine_region(left, right, box, coarse, planes, blocks, fir, model, figures)
             offset += (e1 * a22 - e2 * r_r) / det
             gain += (a11 * e2 - r_r * e1) / det
         tie = max(model.slope * b * mean / model.f_px, 2e-3)
-        relief = max(model.relief_m * mean * mean / model.f_baseline, 2e-3)
         known = 0.0
         for k in range(n):
             target[k], inform[k] = mean, 0.0
@@ -163,16 +174,17 @@ def refine_region(left, right, box, coarse, planes, blocks, fir, model, figures)
                 energy = max(sum_gg[k] - GRADIENT_NOISE * model.noise**2 * sum_w[k], 0.02 * sum_gg[k])
                 if energy > 0:
                     local2 = max(sum_ee[k] / sum_w[k] if sum_w[k] > 4 else residual2, 0.5 * residual2)
-                    target[k] = d[k] + min(max(-sum_ge[k] / energy, -0.7), 0.7)
+                    target[k] = d[k] + min(max(-sum_ge[k] / energy, -FURTHEST_STEP_PX), FURTHEST_STEP_PX)
                     inform[k] = energy / (2 * local2)
                     known += inform[k]
         if known <= 0:
             return
         before = mean
+        relief = seen_relief(target, inform, model, mean)
         mean = smooth(across, d, target, inform, count, mean, 1 / (tie * tie), relief)
         last = abs(mean - before)
     summarize(d, target, inform, count, mean, relief, figures)
-    figures[4], figures[5], figures[6] = relief, last, figures[0] - coarse_mean
+    figures[5], figures[6] = last, figures[0] - coarse_mean
     figures[7], figures[8], figures[9] = np.sqrt(residual2), used * step / pixels, pixels
 
 
@@ -248,6 +260,25 @@ def search(left, right, u0, v0, weight, step, b, across, d):  # type: ignore[no-
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def seen_relief(target, inform, model, mean):  # type: ignore[no-untyped-def]
+    """Return how far the blocks lie from their mean, pixels: their scatter less what noise makes of it."""
+    total, at, square, blocks = 0.0, 0.0, 0.0, 0
+    for k in range(len(target)):
+        if inform[k] > 0:
+            total += inform[k]
+            at += inform[k] * target[k]
+            square += inform[k] * target[k] * target[k]
+            blocks += 1
+    at /= total
+    per_m = mean * mean / model.f_baseline
+    usual = (model.relief_m * per_m) ** 2
+    seen = (square / total - at * at) - (blocks - 1) / total
+    trust = blocks * usual / (usual + blocks / total)
+    relief2 = (max(seen, 0.0) * trust + usual * PRIOR_BLOCKS) / (trust + PRIOR_BLOCKS)
+    return max(min(np.sqrt(relief2), model.relief_most_m * per_m), 2e-3)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def smooth(across, d, target, inform, count, mean, tie, relief):  # type: ignore[no-untyped-def]
     """Move the blocks' disparities to what data, neighbours (weight `tie`) and mean together say; return the mean."""
     n = len(d)
@@ -279,11 +310,12 @@ def smooth(across, d, target, inform, count, mean, tie, relief):  # type: ignore
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def summarize(d, target, inform, count, mean, relief, figures):  # type: ignore[no-untyped-def]
     """Fill in mean_px, nearest_px, scatter_px and noise_px."""
-    pixels, depth, sure, scatter, noise = 0.0, 0.0, 0.0, 0.0, 0.0
+    pixels, depth, sure, scatter, noise, unseen = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(d)):
         if count[k] > 0:
             pixels += count[k]
             depth += count[k] / max(d[k], 0.05)
+            unseen += count[k] / (1 + inform[k] * relief * relief)
         if inform[k] > 0:
             weight = 1 / (1 / inform[k] + relief * relief)
             sure += weight
@@ -297,4 +329,6 @@ def summarize(d, target, inform, count, mean, relief, figures):  # type: ignore[
         if seen >= 0.1 * pixels:
             figures[1] = d[k]
             break
-    figures[2], figures[3] = np.sqrt(scatter) / sure, np.sqrt(noise) / sure
+    unseen = relief * np.sqrt(unseen / pixels)
+    figures[1] = figures[0] + np.sqrt(max(figures[1] - figures[0], 0.0) ** 2 + (TENTH * unseen) ** 2)
+    figures[2], figures[3], figures[4] = np.sqrt(scatter) / sure, np.sqrt(noise) / sure, unseen

@@ -1,4 +1,4 @@
-"""What `refine_compiled` computes: the names, the tables, and the numbers it returns.
+"""Refinement of regions as plain numpy: slow, short, and what `refine_compiled` reproduces to 1e-3 px.
 
 A region is a set of cells with a coarse disparity each. It is cut into square blocks; each block has one disparity, and
 neighbouring blocks are tied to each other and to the region's mean by what surfaces do (see `Model`). All are found
@@ -6,6 +6,8 @@ together by Gauss-Newton: the left image is the template and the only source of 
 between its pixels by an 8-tap windowed sinc.
 """
 
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -14,12 +16,33 @@ from numpy.typing import NDArray
 TAPS, PHASES = 8, 256
 """Taps of the interpolation, and steps of a pixel it is tabulated in."""
 
+LEAST_BLOCK_PX, MOST_BLOCKS, MOST_PIXELS = 8, 400, 8192
+"""Side of a block, and how many blocks a region has at most; rows are left out of a region of more pixels."""
+
+ITERATIONS, SWEEPS, SEARCH_PX, FURTHEST_STEP_PX = 6, 12, 2, 0.7
+"""Of Gauss-Newton, of Gauss-Seidel within each, the integer search's reach, and a block's longest step."""
+
+ROBUST, LEAST_WEIGHT = 3.0, 8.0
+"""A pixel whose residual is this many standard deviations counts a quarter; and so many pixels must count in all."""
+
+GRADIENT_NOISE = 0.903
+"""What noise of variance 1 adds to the square of a gradient: the sum of its squared weights."""
+
+TENTH = 1.2816
+"""The nearest tenth of a Gaussian lies so many standard deviations off its mean."""
+
+PRIOR_BLOCKS = 2.0
+"""The usual relief counts as much as so many well-measured blocks."""
+
+Gray = NDArray[np.uint8]
+Floats = NDArray[np.float64]
+
 FIGURES = (
     "mean_px",
     "nearest_px",
     "scatter_px",
     "noise_px",
-    "relief_px",
+    "unseen_px",
     "step_px",
     "moved_px",
     "residual",
@@ -34,8 +57,8 @@ scatter_px
     Standard deviation of the mean as the blocks' scatter about it says.
 noise_px
     The same from the pixels' residuals alone.
-relief_px
-    What `relief_m` is in pixels here.
+unseen_px
+    How far parts of the surface lie from its mean beyond what the fit could resolve (standard deviation).
 step_px
     How far the last iteration moved the mean; NaN where nothing could be fitted.
 moved_px
@@ -62,8 +85,8 @@ class Model(NamedTuple):
         Left over right contrast, of the cameras.
     slope
         How much deeper a surface gets per metre across, usually.
-    relief_m
-        How far parts of a thing lie from its mean, usually.
+    relief_m, relief_most_m
+        How far parts of a thing lie from its mean, usually and at most (standard deviations).
     rim_m, rim_px
         How far its outline lies behind its mean surface, and how far what is behind it pulls the outline.
     """
@@ -72,9 +95,10 @@ class Model(NamedTuple):
     f_baseline: float
     noise: float
     gain: float
-    slope: float = 0.5
-    relief_m: float = 0.2
-    rim_m: float = 0.02
+    slope: float = 1.0
+    relief_m: float = 0.15
+    relief_most_m: float = 1.0
+    rim_m: float = 0.0
     rim_px: float = 0.01
 
 
@@ -88,3 +112,228 @@ def interpolation() -> NDArray[np.float32]:
     window = np.i0(6 * np.sqrt(np.clip(1 - (2 * x / TAPS) ** 2, 0, 1))) / np.i0(6.0)
     weights = np.sinc(x) * window * (np.abs(x) <= TAPS / 2)
     return np.asarray(weights / weights.sum(1, keepdims=True), np.float32)
+
+
+@dataclass
+class Blocks:
+    """The blocks of a region, (rows, columns) each: disparity, what the data say of it and how surely, pixel count."""
+
+    d: Floats
+    target: Floats
+    inform: Floats
+    count: Floats
+    side: int
+
+
+def refine_regions(
+    left: Gray, right: Gray, first: NDArray[np.int64], uvd: Floats, cell_px: NDArray[np.int64], model: Model
+) -> Floats:
+    """Refine regions against the full-resolution pair.
+
+    Parameters
+    ----------
+    left, right
+        (height, width) grey levels.
+    first
+        (n + 1,) where each region's samples begin in `uvd`.
+    uvd
+        (m, 3) column, row and disparity of the centre of each cell.
+    cell_px
+        (n, 2) width and height of each region's cells.
+    model
+        See `Model`.
+
+    Returns
+    -------
+    (n, len(FIGURES)) figures; NaN where nothing could be fitted.
+    """
+    figures = np.full((len(first) - 1, len(FIGURES)), np.nan)
+    for i, (a, b) in enumerate(pairwise(first)):
+        coarse = paint(uvd[a:b], cell_px[i], left.shape)
+        if (coarse > 0).any():
+            rows, columns = np.nonzero(coarse)
+            v0, u0 = int(rows.min()), int(columns.min())
+            inside = coarse[v0 : rows.max() + 1, u0 : columns.max() + 1]
+            figures[i] = refine_region(left, right, u0, v0, inside, model)
+    return figures
+
+
+def paint(uvd: Floats, cell_px: NDArray[np.int64], shape: tuple[int, ...]) -> Floats:
+    """Return an image of the coarse disparities; 0 where there is no cell."""
+    coarse = np.zeros(shape)
+    for u, v, d in uvd:
+        column, row = (round(x - (c - 1) / 2) for x, c in zip((u, v), cell_px, strict=True))
+        coarse[max(row, 0) : row + cell_px[1], max(column, 0) : column + cell_px[0]] = max(d, 1e-3)
+    return coarse
+
+
+def refine_region(left: Gray, right: Gray, u0: int, v0: int, coarse: Floats, model: Model) -> Floats:
+    """Return the figures of one region, its coarse disparities given in a box at (u0, v0)."""
+    pixels, mean = int((coarse > 0).sum()), float(coarse[coarse > 0].mean())
+    step = -(-pixels // MOST_PIXELS)
+    blocks = start_blocks(coarse, mean)
+    v, u = (x.ravel() for x in np.mgrid[: coarse.shape[0] : step, : coarse.shape[1]])
+    template, slope, weight = template_of(left, u0, v0, coarse, u, v, mean, model)
+    keep = weight > 0
+    u, v, template, slope, weight = (x[keep] for x in (u, v, template, slope, weight))
+    of = (v // blocks.side, u // blocks.side)
+    moved = search(template, right, u + u0, v + v0, blocks.d[of])
+    blocks.d += moved
+    coarse_mean, mean = mean, mean + moved
+    gain, offset, residual2, noise2 = model.gain, 0.0, -1.0, 2 * model.noise**2
+    for iteration in range(ITERATIONS):
+        seen, r = sampled(right, u + u0, v + v0, blocks.d[of])
+        e = template - gain * r - offset
+        w = weight * seen
+        if residual2 > 0:
+            w = w / (1 + e * e / (ROBUST**2 * residual2)) ** 2
+        if w.sum() < LEAST_WEIGHT:
+            return np.full(len(FIGURES), np.nan)
+        residual2 = max(float((w * e * e).sum() / w.sum()), noise2 / 4)
+        used = float(w.sum())
+        if iteration > 0:  # gain and offset, held near the cameras' own
+            hold = np.array([1 / 6.0, 1e2]) * np.sqrt(residual2)
+            A = np.concatenate([np.stack([np.ones_like(r), r], -1) * np.sqrt(w)[:, None], np.diag(hold)])
+            y = np.concatenate([np.sqrt(w) * e, hold * (-offset, model.gain - gain)])
+            change = np.linalg.lstsq(A, y, rcond=None)[0]
+            offset, gain = offset + change[0], gain + change[1]
+        if not inform_blocks(blocks, of, w, slope, e, residual2, mean, model):
+            return np.full(len(FIGURES), np.nan)
+        before, relief = mean, seen_relief(blocks, mean, model)
+        mean = smooth(blocks, mean, relief, model)
+    unseen, figures = summarize(blocks, mean, relief)
+    measured = [unseen, abs(mean - before), figures[0] - coarse_mean, np.sqrt(residual2), used * step / pixels, pixels]
+    return np.array([*figures, *measured])
+
+
+def start_blocks(coarse: Floats, mean: float) -> Blocks:
+    """Return the blocks at their mean coarse disparity."""
+    side = LEAST_BLOCK_PX
+    while np.prod([-(-n // side) for n in coarse.shape]) > MOST_BLOCKS:
+        side += 4
+    rows, columns = (-(-n // side) for n in coarse.shape)
+    padded = np.zeros((rows * side, columns * side))
+    padded[: coarse.shape[0], : coarse.shape[1]] = coarse
+    tiles = padded.reshape(rows, side, columns, side)
+    count = (tiles > 0).sum((1, 3)).astype(float)
+    d = np.where(count > 0, tiles.sum((1, 3)) / np.maximum(count, 1), mean)
+    return Blocks(d, d.copy(), np.zeros_like(d), count, side)
+
+
+def template_of(
+    left: Gray, u0: int, v0: int, coarse: Floats, u: NDArray[np.int64], v: NDArray[np.int64], mean: float, model: Model
+) -> tuple[Floats, Floats, Floats]:
+    """Return grey levels of the left image, their slopes along the row, and weights of pixels.
+
+    Weights are 0 outside and less along the outline: its pixels share what is wrong with them (it lies behind the mean
+    surface, and what is behind it pulls), so all together count as one measurement with that error.
+    """
+    inside = np.pad(coarse > 0, 1, constant_values=False)
+    above_or_below = np.pad(coarse > 0, 1, mode="edge")
+    within = (coarse > 0) & inside[1:-1, :-2] & inside[1:-1, 2:] & above_or_below[:-2, 1:-1] & above_or_below[2:, 1:-1]
+    x, image = u + u0, left.astype(float)
+    known = (coarse[v, u] > 0) & (x >= 2) & (x < left.shape[1] - 2)
+    at = [image[v + v0, (x + shift).clip(0, left.shape[1] - 1)] for shift in (-2, -1, 1, 2)]
+    slope = np.where(known, (8 * (at[2] - at[1]) - at[3] + at[0]) / 12, 0.0)
+    rim = known & ~within[v, u]
+    rim_px2 = (model.rim_m * mean * mean / model.f_baseline) ** 2 + model.rim_px**2
+    noise2 = 2 * model.noise**2
+    share = noise2 / (noise2 + (slope[rim] ** 2).sum() * rim_px2)
+    return image[v + v0, x], slope, np.where(rim, share, known.astype(float))
+
+
+def search(template: Floats, right: Gray, x: NDArray[np.int64], y: NDArray[np.int64], d: Floats) -> int:
+    """Return by how many whole pixels the region fits best, -SEARCH_PX..SEARCH_PX."""
+    costs = {}
+    for shift in range(-SEARCH_PX, SEARCH_PX + 1):
+        there = x - np.floor(d + 0.5).astype(int) - shift
+        seen = (there >= 0) & (there < right.shape[1])
+        if seen.any():
+            e = template[seen] - right[y[seen], there[seen]]
+            costs[shift] = float(np.minimum(e * e, 900).mean())
+    return min(costs, key=lambda shift: costs[shift]) if costs else 0
+
+
+def sampled(right: Gray, x: NDArray[np.int64], y: NDArray[np.int64], d: Floats) -> tuple[NDArray[np.bool_], Floats]:
+    """Return which pixels of the right image at x - d are inside, and their grey levels (0 outside)."""
+    whole = np.floor(d).astype(int)
+    taps = interpolation()[np.floor((1 - (d - whole)) * PHASES + 0.5).astype(int)]
+    base = x - whole - TAPS // 2
+    seen = (base >= 0) & (base + TAPS <= right.shape[1])
+    columns = np.where(seen, base, 0)[:, None] + np.arange(TAPS)
+    return seen, np.where(seen, (taps * right[y[:, None], columns.clip(0, right.shape[1] - 1)]).sum(1), 0.0)
+
+
+def inform_blocks(
+    blocks: Blocks,
+    of: tuple[NDArray[np.int64], NDArray[np.int64]],
+    w: Floats,
+    slope: Floats,
+    e: Floats,
+    residual2: float,
+    mean: float,
+    model: Model,
+) -> bool:
+    """Fill in what the data say of each block and how surely; return whether they say anything.
+
+    The noise's share of the gradients' energy is taken off, and a block whose pixels fit badly counts less.
+    """
+    sums = []
+    for values in (w * slope**2, w * slope * e, w * e * e, w):
+        each = np.zeros_like(blocks.d)
+        np.add.at(each, of, values)
+        sums.append(each)
+    gg, ge, ee, total = sums
+    energy = np.maximum(gg - GRADIENT_NOISE * model.noise**2 * total, 0.02 * gg)
+    known = (blocks.count > 0) & (total > 0) & (energy > 0)
+    with np.errstate(all="ignore"):
+        local2 = np.maximum(np.where(total > 4, ee / total, residual2), residual2 / 2)
+        step = np.clip(-ge / energy, -FURTHEST_STEP_PX, FURTHEST_STEP_PX)
+    blocks.target = np.where(known, blocks.d + step, mean)
+    blocks.inform = np.where(known, energy / (2 * local2), 0.0)
+    return bool(known.any())
+
+
+def seen_relief(blocks: Blocks, mean: float, model: Model) -> float:
+    """Return how far the blocks lie from their mean, pixels: their scatter less what noise makes of it."""
+    known = blocks.inform > 0
+    weight, target = blocks.inform[known], blocks.target[known]
+    total, n, per_m = weight.sum(), len(weight), mean * mean / model.f_baseline
+    usual = (model.relief_m * per_m) ** 2
+    seen = (weight * (target - (weight * target).sum() / total) ** 2).sum() / total - (n - 1) / total
+    trust = n * usual / (usual + n / total)
+    relief2 = (max(seen, 0.0) * trust + usual * PRIOR_BLOCKS) / (trust + PRIOR_BLOCKS)
+    return float(max(min(np.sqrt(relief2), model.relief_most_m * per_m), 2e-3))
+
+
+def smooth(blocks: Blocks, mean: float, relief: float, model: Model) -> float:
+    """Move the blocks to what data, neighbours and mean together say (Gauss-Seidel); return the mean."""
+    tie = 1 / max(model.slope * blocks.side * mean / model.f_px, 2e-3) ** 2
+    known = blocks.inform > 0
+    weight = 1 / (1 / blocks.inform[known] + relief**2)
+    there = np.pad(blocks.count > 0, 1)
+    for _ in range(SWEEPS):
+        d = np.pad(blocks.d, 1)
+        for i, j in zip(*np.nonzero(blocks.count), strict=True):
+            beside = [(i + 1, j), (i + 1, j + 2), (i, j + 1), (i + 2, j + 1)]  # in the padded grid
+            near = [d[at] for at in beside if there[at]]
+            total = blocks.inform[i, j] * blocks.target[i, j] + mean / relief**2 + tie * sum(near)
+            d[i + 1, j + 1] = total / (blocks.inform[i, j] + 1 / relief**2 + tie * len(near))
+        blocks.d = d[1:-1, 1:-1]
+        mean = float((weight * blocks.target[known]).sum() / weight.sum())
+    return mean
+
+
+def summarize(blocks: Blocks, mean: float, relief: float) -> tuple[float, list[float]]:
+    """Return unseen_px, and mean_px, nearest_px, scatter_px and noise_px."""
+    there, known = blocks.count > 0, blocks.inform > 0
+    count, d = blocks.count[there], blocks.d[there]
+    middle = float(count.sum() / (count / np.maximum(d, 0.05)).sum())
+    order = np.argsort(-d, kind="stable")
+    tenth = int(np.argmax(np.cumsum(count[order]) >= 0.1 * count.sum()))
+    unseen = relief * float(np.sqrt((count / (1 + blocks.inform[there] * relief**2)).sum() / count.sum()))
+    nearest = middle + float(np.hypot(max(d[order[tenth]] - middle, 0.0), TENTH * unseen))
+    weight = 1 / (1 / blocks.inform[known] + relief**2)
+    scatter = float(np.sqrt(((weight * (blocks.target[known] - mean)) ** 2).sum()) / weight.sum())
+    noise = float(np.sqrt((weight**2 / blocks.inform[known]).sum()) / weight.sum())
+    return unseen, [middle, nearest, scatter, noise]

@@ -21,6 +21,11 @@ SETTLED_PX, FARTHEST_PX, LEAST_USED, LEAST_PIXELS = 0.05, 3.0, 0.3, 24
 """A fit counts whose last step was no larger, which ended no farther from the coarse disparity, and that explains this
 share of its pixels, of which there are at least so many."""
 
+MEAN_SPREAD, MEAN_UNSEEN = 1.5, 0.66
+NEAREST_SPREAD, NEAREST_UNSEEN = 2.0, 0.9
+FLOOR_PX = 0.006
+"""What the blocks' scatter and the relief that the fit could not resolve do to the mean and to the nearest face."""
+
 
 def refine(pair: RectifiedPair, regions: Sequence[Region], settings: RefineSettings) -> tuple[Region, ...]:
     """Refine every region by least squares over all of its pixels.
@@ -110,8 +115,11 @@ def judged(figures: FloatArray, coarse_sigma_px: float) -> Refinement | None:
 
 
 def sigmas(f: dict[str, float]) -> tuple[float, float]:
-    """Return one standard deviation of mean_px and of nearest_px, pixels."""
-    spread = 1.5 * max(f["scatter_px"], f["noise_px"])
-    mean = float(np.sqrt(spread**2 + (0.15 * f["relief_px"]) ** 2 + 0.005**2))
-    nearest = float(np.sqrt(mean**2 + (0.5 * f["relief_px"]) ** 2))
-    return mean, nearest
+    """Return one standard deviation of mean_px and of nearest_px, pixels.
+
+    The factors were chosen once, on exact masks of simulated streets (docs/refinement.md).
+    """
+    spread, unseen = max(f["scatter_px"], f["noise_px"]), f["unseen_px"]
+    mean = np.sqrt((MEAN_SPREAD * spread) ** 2 + (MEAN_UNSEEN * unseen) ** 2 + FLOOR_PX**2)
+    nearest = np.sqrt((NEAREST_SPREAD * spread) ** 2 + (NEAREST_UNSEEN * unseen) ** 2 + FLOOR_PX**2)
+    return float(mean), float(nearest)
