@@ -110,6 +110,10 @@ def refine_region(left, right, box, coarse, planes, blocks, fir, model, figures)
     noise2 = 2 * model.noise * model.noise
     fill_template(left, u0, v0, coarse, step, mean, noise2, model, template, slope, weight)
     coarse_mean = mean
+    deepest = 0.0
+    for k in range(n):
+        deepest += count[k] * (d[k] - mean) ** 2
+    deepest = np.sqrt(deepest / pixels)
     moved = search(left, right, u0, v0, weight, step, b, across, d)
     for k in range(n):
         d[k] += moved
@@ -180,7 +184,7 @@ def refine_region(left, right, box, coarse, planes, blocks, fir, model, figures)
         if known <= 0:
             return
         before = mean
-        relief = seen_relief(target, inform, model, mean)
+        relief = seen_relief(target, inform, model, mean, deepest, width)
         mean = smooth(across, d, target, inform, count, mean, 1 / (tie * tie), relief)
         last = abs(mean - before)
     summarize(d, target, inform, count, mean, relief, figures)
@@ -260,7 +264,7 @@ def search(left, right, u0, v0, weight, step, b, across, d):  # type: ignore[no-
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def seen_relief(target, inform, model, mean):  # type: ignore[no-untyped-def]
+def seen_relief(target, inform, model, mean, deepest, width_px):  # type: ignore[no-untyped-def]
     """Return how far the blocks lie from their mean, pixels: their scatter less what noise makes of it."""
     total, at, square, blocks = 0.0, 0.0, 0.0, 0
     for k in range(len(target)):
@@ -271,11 +275,12 @@ def seen_relief(target, inform, model, mean):  # type: ignore[no-untyped-def]
             blocks += 1
     at /= total
     per_m = mean * mean / model.f_baseline
-    usual = (model.relief_m * per_m) ** 2
+    width_m = width_px * model.f_baseline / model.f_px / mean
+    usual = ((model.relief_m + model.relief_share * width_m) * per_m) ** 2
     seen = (square / total - at * at) - (blocks - 1) / total
     trust = blocks * usual / (usual + blocks / total)
     relief2 = (max(seen, 0.0) * trust + usual * PRIOR_BLOCKS) / (trust + PRIOR_BLOCKS)
-    return max(min(np.sqrt(relief2), model.relief_most_m * per_m), 2e-3)
+    return max(min(np.sqrt(relief2), max(model.relief_most_m * per_m, deepest)), 2e-3)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -85,8 +85,9 @@ class Model(NamedTuple):
         Left over right contrast, of the cameras.
     slope
         How much deeper a surface gets per metre across, usually.
-    relief_m, relief_most_m
-        How far parts of a thing lie from its mean, usually and at most (standard deviations).
+    relief_m, relief_share, relief_most_m
+        How far parts of a thing lie from its mean (standard deviation): usually `relief_m` and this share of its width,
+        for what is wide is often deep; and at most.
     rim_m, rim_px
         How far its outline lies behind its mean surface, and how far what is behind it pulls the outline.
     """
@@ -96,7 +97,8 @@ class Model(NamedTuple):
     noise: float
     gain: float
     slope: float = 1.0
-    relief_m: float = 0.15
+    relief_m: float = 0.05
+    relief_share: float = 0.2
     relief_most_m: float = 1.0
     rim_m: float = 0.0
     rim_px: float = 0.01
@@ -116,13 +118,17 @@ def interpolation() -> NDArray[np.float32]:
 
 @dataclass
 class Blocks:
-    """The blocks of a region, (rows, columns) each: disparity, what the data say of it and how surely, pixel count."""
+    """The blocks of a region, (rows, columns) each: disparity, what the data say of it and how surely, pixel count.
+
+    Each is `side` pixels wide and high; the region itself is `width_px` wide.
+    """
 
     d: Floats
     target: Floats
     inform: Floats
     count: Floats
     side: int
+    width_px: int
 
 
 def refine_regions(
@@ -172,10 +178,12 @@ def refine_region(left: Gray, right: Gray, u0: int, v0: int, coarse: Floats, mod
     pixels, mean = int((coarse > 0).sum()), float(coarse[coarse > 0].mean())
     step = -(-pixels // MOST_PIXELS)
     blocks = start_blocks(coarse, mean)
-    v, u = (x.ravel() for x in np.mgrid[: coarse.shape[0] : step, : coarse.shape[1]])
+    deepest = float(np.sqrt(np.average((blocks.d - mean) ** 2, weights=blocks.count)))
+    rows, columns = np.arange(0, coarse.shape[0], step), np.arange(coarse.shape[1])
+    v, u = np.repeat(rows, len(columns)), np.tile(columns, len(rows))
     template, slope, weight = template_of(left, u0, v0, coarse, u, v, mean, model)
     keep = weight > 0
-    u, v, template, slope, weight = (x[keep] for x in (u, v, template, slope, weight))
+    u, v, template, slope, weight = u[keep], v[keep], template[keep], slope[keep], weight[keep]
     of = (v // blocks.side, u // blocks.side)
     moved = search(template, right, u + u0, v + v0, blocks.d[of])
     blocks.d += moved
@@ -199,7 +207,7 @@ def refine_region(left: Gray, right: Gray, u0: int, v0: int, coarse: Floats, mod
             offset, gain = offset + change[0], gain + change[1]
         if not inform_blocks(blocks, of, w, slope, e, residual2, mean, model):
             return np.full(len(FIGURES), np.nan)
-        before, relief = mean, seen_relief(blocks, mean, model)
+        before, relief = mean, seen_relief(blocks, mean, deepest, model)
         mean = smooth(blocks, mean, relief, model)
     unseen, figures = summarize(blocks, mean, relief)
     measured = [unseen, abs(mean - before), figures[0] - coarse_mean, np.sqrt(residual2), used * step / pixels, pixels]
@@ -217,7 +225,7 @@ def start_blocks(coarse: Floats, mean: float) -> Blocks:
     tiles = padded.reshape(rows, side, columns, side)
     count = (tiles > 0).sum((1, 3)).astype(float)
     d = np.where(count > 0, tiles.sum((1, 3)) / np.maximum(count, 1), mean)
-    return Blocks(d, d.copy(), np.zeros_like(d), count, side)
+    return Blocks(d, d.copy(), np.zeros_like(d), count, side, coarse.shape[1])
 
 
 def template_of(
@@ -294,16 +302,20 @@ def inform_blocks(
     return bool(known.any())
 
 
-def seen_relief(blocks: Blocks, mean: float, model: Model) -> float:
-    """Return how far the blocks lie from their mean, pixels: their scatter less what noise makes of it."""
+def seen_relief(blocks: Blocks, mean: float, deepest: float, model: Model) -> float:
+    """Return how far the blocks lie from their mean, pixels: their scatter less what noise makes of it.
+
+    It is no more than things have, unless the detector saw a deeper one (`deepest`, pixels).
+    """
     known = blocks.inform > 0
     weight, target = blocks.inform[known], blocks.target[known]
     total, n, per_m = weight.sum(), len(weight), mean * mean / model.f_baseline
-    usual = (model.relief_m * per_m) ** 2
+    width_m = blocks.width_px * model.f_baseline / model.f_px / mean
+    usual = ((model.relief_m + model.relief_share * width_m) * per_m) ** 2
     seen = (weight * (target - (weight * target).sum() / total) ** 2).sum() / total - (n - 1) / total
     trust = n * usual / (usual + n / total)
     relief2 = (max(seen, 0.0) * trust + usual * PRIOR_BLOCKS) / (trust + PRIOR_BLOCKS)
-    return float(max(min(np.sqrt(relief2), model.relief_most_m * per_m), 2e-3))
+    return float(max(min(np.sqrt(relief2), max(model.relief_most_m * per_m, deepest)), 2e-3))
 
 
 def smooth(blocks: Blocks, mean: float, relief: float, model: Model) -> float:

@@ -13,13 +13,16 @@ from roadblock.stages.refine.settings import RefineSettings
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.frame import Image, RectifiedPair
-from roadblock.values.scene import Refinement, Region
+from roadblock.values.scene import NEAREST_FACE_PERCENT, Refinement, Region
 
 Gray = NDArray[np.uint8]
 
 SETTLED_PX, FARTHEST_PX, LEAST_USED, LEAST_PIXELS = 0.05, 3.0, 0.3, 24
 """A fit counts whose last step was no larger, which ended no farther from the coarse disparity, and that explains this
 share of its pixels, of which there are at least so many."""
+
+CONTRADICTS = 4.0
+"""The nearest face is no more than so many of the detector's standard deviations from where that saw it."""
 
 MEAN_SPREAD, MEAN_UNSEEN = 1.5, 0.66
 NEAREST_SPREAD, NEAREST_UNSEEN = 2.0, 0.9
@@ -56,9 +59,7 @@ def refine(pair: RectifiedPair, regions: Sequence[Region], settings: RefineSetti
         np.array([cell_size(region.surface_uvd_px) for region in regions]),
         surface_model(left, right, pair.rectification),
     )
-    return tuple(
-        replace(region, refined=judged(row, region.sigma_d_px)) for region, row in zip(regions, figures, strict=True)
-    )
+    return tuple(replace(region, refined=judged(row, region)) for region, row in zip(regions, figures, strict=True))
 
 
 def to_gray8(image: Image) -> Gray:
@@ -96,8 +97,8 @@ def noise_level(image: Gray) -> float:
     return max(0.4, float(np.percentile(usable, 10))) if len(usable) else 1.0
 
 
-def judged(figures: FloatArray, coarse_sigma_px: float) -> Refinement | None:
-    """Return what a fit is worth; None where it is no better than what the detector knew."""
+def judged(figures: FloatArray, region: Region) -> Refinement | None:
+    """Return what a fit is worth; None where it is no better than what the detector knew, or contradicts it."""
     f = dict(zip(FIGURES, figures.tolist(), strict=True))
     converged = (
         f["step_px"] <= SETTLED_PX
@@ -109,7 +110,8 @@ def judged(figures: FloatArray, coarse_sigma_px: float) -> Refinement | None:
     if not converged:
         return None
     sigma_mean, sigma_nearest = sigmas(f)
-    if sigma_nearest >= coarse_sigma_px:
+    coarse_px = float(np.percentile(region.surface_uvd_px[:, 2], 100 - NEAREST_FACE_PERCENT))
+    if sigma_nearest >= region.sigma_d_px or abs(f["nearest_px"] - coarse_px) > CONTRADICTS * region.sigma_d_px:
         return None
     return Refinement(f["mean_px"], sigma_mean, f["nearest_px"], sigma_nearest, f["moved_px"], f["residual"], f["used"])
 
