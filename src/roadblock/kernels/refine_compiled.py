@@ -16,6 +16,7 @@ from roadblock.kernels.refine_reference import (
     PRIOR_BLOCKS,
     ROBUST,
     SEARCH_PX,
+    SETTLED_PX,
     SWEEPS,
     TAPS,
     TENTH,
@@ -145,7 +146,7 @@ def refine_region(left, right, box, coarse, planes, blocks, row, fir, model, fig
                 end = min(min(width, c * b + b), high - TAPS + 1 - base)
                 taps = fir[int(np.floor((1.0 - (d[k] - whole)) * PHASES + 0.5))]
                 gg, ge, ee, w, r, rr, e, er = sums_of_row(
-                    row, taps, base, begin, end, template[v], slope[v], weight[v], gain32, offset32, robust
+                    row, taps, base, begin, end, v, template, slope, weight, gain32, offset32, robust
                 )
                 sum_gg[k] += gg
                 sum_ge[k] += ge
@@ -187,28 +188,32 @@ def refine_region(left, right, box, coarse, planes, blocks, row, fir, model, fig
         relief = seen_relief(target, inform, model, mean, deepest, width)
         mean = smooth(across, d, target, inform, count, mean, 1 / (tie * tie), relief)
         last = abs(mean - before)
+        if iteration > 0 and last < SETTLED_PX:
+            break
     summarize(d, target, inform, count, mean, relief, figures)
     figures[5], figures[6] = last, figures[0] - coarse_mean
     figures[7], figures[8], figures[9] = np.sqrt(residual2), used * step / pixels, pixels
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def sums_of_row(row, taps, base, begin, end, template, slope, weight, gain, offset, robust):  # type: ignore[no-untyped-def]
+def sums_of_row(row, taps, base, begin, end, v, template, slope, weight, gain, offset, robust):  # type: ignore[no-untyped-def]
     """Return one row's share of a block's sums: gg, ge, ee, weight, r, rr, e, er.
 
-    Nothing is stored in the loop, so that eight pixels at a time go through it.
+    Nothing is stored in the loop and no index can be negative, so that eight pixels at a time go through it.
     """
     t0, t1, t2, t3, t4, t5, t6, t7 = taps[0], taps[1], taps[2], taps[3], taps[4], taps[5], taps[6], taps[7]
     zero = np.float32(0)
     s_gg, s_ge, s_ee, s_w, s_r, s_rr, s_e, s_er = zero, zero, zero, zero, zero, zero, zero, zero
-    for u in range(begin, end):
-        x = base + u
-        r = t0 * row[x] + t1 * row[x + 1] + t2 * row[x + 2] + t3 * row[x + 3]
-        r += t4 * row[x + 4] + t5 * row[x + 5] + t6 * row[x + 6] + t7 * row[x + 7]
-        g = slope[u]
-        e = template[u] - gain * r - offset
+    y, first, x = np.uintp(v), np.uintp(begin), np.uintp(max(base + begin, 0))
+    for i in range(np.uintp(max(end - begin, 0))):
+        at = x + i
+        r = t0 * row[at] + t1 * row[at + np.uintp(1)] + t2 * row[at + np.uintp(2)] + t3 * row[at + np.uintp(3)]
+        r += t4 * row[at + np.uintp(4)] + t5 * row[at + np.uintp(5)] + t6 * row[at + np.uintp(6)]
+        r += t7 * row[at + np.uintp(7)]
+        g = slope[y, first + i]
+        e = template[y, first + i] - gain * r - offset
         q = np.float32(1) + e * e * robust
-        w = weight[u] / (q * q)
+        w = weight[y, first + i] / (q * q)
         s_gg += w * g * g
         s_ge += w * g * e
         s_ee += w * e * e
@@ -283,9 +288,12 @@ def search(left, right, u0, v0, weight, step, b, across, d):  # type: ignore[no-
             for c in range(across):
                 to = u0 - int(np.floor(d[(v // b) * across + c] + 0.5)) - shift
                 part, seen = np.float32(0), np.float32(0)
-                for u in range(max(c * b, -to), min(min(width, c * b + b), left.shape[1] - to)):
-                    e = np.float32(left[v0 + v, u0 + u]) - np.float32(right[v0 + v, to + u])
-                    counts = np.float32(1) if weight[v, u] > 0 else np.float32(0)
+                begin, end = max(c * b, -to), min(min(width, c * b + b), left.shape[1] - to)
+                y, a, x = np.uintp(v0 + v), np.uintp(begin), np.uintp(max(to + begin, 0))  # never negative
+                from_left = np.uintp(u0 + begin)
+                for i in range(np.uintp(max(end - begin, 0))):
+                    e = np.float32(left[y, from_left + i]) - np.float32(right[y, x + i])
+                    counts = np.float32(1) if weight[np.uintp(v), a + i] > 0 else np.float32(0)
                     part += counts * min(e * e, np.float32(900))
                     seen += counts
                 cost += part

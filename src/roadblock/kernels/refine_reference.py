@@ -22,6 +22,9 @@ LEAST_BLOCK_PX, MOST_BLOCKS, MOST_PIXELS = 8, 400, 8192
 ITERATIONS, SWEEPS, SEARCH_PX, FURTHEST_STEP_PX = 6, 12, 2, 0.7
 """Of Gauss-Newton, of Gauss-Seidel within each, the integer search's reach, and a block's longest step."""
 
+SETTLED_PX = 1e-3
+"""Iterations end when the mean moves by less."""
+
 ROBUST, LEAST_WEIGHT = 3.0, 8.0
 """A pixel whose residual is this many standard deviations counts a quarter; and so many pixels must count in all."""
 
@@ -209,6 +212,8 @@ def refine_region(left: Gray, right: Gray, u0: int, v0: int, coarse: Floats, mod
             return np.full(len(FIGURES), np.nan)
         before, relief = mean, seen_relief(blocks, mean, deepest, model)
         mean = smooth(blocks, mean, relief, model)
+        if iteration > 0 and abs(mean - before) < SETTLED_PX:
+            break
     unseen, figures = summarize(blocks, mean, relief)
     measured = [unseen, abs(mean - before), figures[0] - coarse_mean, np.sqrt(residual2), used * step / pixels, pixels]
     return np.array([*figures, *measured])
