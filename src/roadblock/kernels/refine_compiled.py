@@ -9,6 +9,7 @@ from roadblock.kernels.refine_reference import (
     GRADIENT_NOISE,
     ITERATIONS,
     LEAST_BLOCK_PX,
+    LEAST_ENERGY,
     LEAST_WEIGHT,
     MOST_BLOCKS,
     MOST_PIXELS,
@@ -110,7 +111,7 @@ def refine_region(left, right, box, coarse, planes, blocks, row, fir, model, fig
     slope = planes[1, :size].reshape(height, width)
     weight = planes[2, :size].reshape(height, width)
     noise2 = 2 * model.noise * model.noise
-    fill_template(left, u0, v0, coarse, step, mean, noise2, model, template, slope, weight)
+    inner = fill_template(left, u0, v0, coarse, step, mean, noise2, model, template, slope, weight)
     coarse_mean = mean
     deepest = 0.0
     for k in range(n):
@@ -176,9 +177,11 @@ def refine_region(left, right, box, coarse, planes, blocks, row, fir, model, fig
         for k in range(n):
             target[k], inform[k] = mean, 0.0
             if count[k] > 0 and sum_w[k] > 0:
-                energy = max(sum_gg[k] - GRADIENT_NOISE * model.noise**2 * sum_w[k], 0.02 * sum_gg[k])
+                local2 = max(sum_ee[k] / sum_w[k] if sum_w[k] > 4 else residual2, 0.5 * residual2)
+                level2 = min(max(local2 / 2, model.noise**2), 4 * model.noise**2)
+                by_noise = GRADIENT_NOISE * level2 * (sum_w[k] + 3 * np.sqrt(sum_w[k]))
+                energy = max(sum_gg[k] - by_noise, LEAST_ENERGY * sum_gg[k])
                 if energy > 0:
-                    local2 = max(sum_ee[k] / sum_w[k] if sum_w[k] > 4 else residual2, 0.5 * residual2)
                     target[k] = d[k] + min(max(-sum_ge[k] / energy, -FURTHEST_STEP_PX), FURTHEST_STEP_PX)
                     inform[k] = energy / (2 * local2)
                     known += inform[k]
@@ -193,6 +196,7 @@ def refine_region(left, right, box, coarse, planes, blocks, row, fir, model, fig
     summarize(d, target, inform, count, mean, relief, figures)
     figures[5], figures[6] = last, figures[0] - coarse_mean
     figures[7], figures[8], figures[9] = np.sqrt(residual2), used * step / pixels, pixels
+    figures[10] = inner
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
@@ -247,13 +251,13 @@ def start_blocks(coarse, b, across, d, count):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def fill_template(left, u0, v0, coarse, step, mean, noise2, model, template, slope, weight):  # type: ignore[no-untyped-def]
-    """Fill in grey levels, their slope along the row, and weights: 0 outside, less along the outline.
+    """Fill in grey levels, slopes along the row, and weights; return the share of pixels inside the outline.
 
     The outline's pixels share what is wrong with them (it lies behind the mean surface, and what is behind it pulls),
     so all together count as one measurement with that error.
     """
     height, width = coarse.shape
-    rim = 0.0
+    rim, inner, pixels = 0.0, 0, 0
     for v in range(0, height, step):
         row = left[v0 + v]
         for u in range(width):
@@ -267,6 +271,8 @@ def fill_template(left, u0, v0, coarse, step, mean, noise2, model, template, slo
                 inside = 0 < u < width - 1 and coarse[v, u - 1] > 0 and coarse[v, u + 1] > 0
                 inside = inside and (v == 0 or coarse[v - 1, u] > 0) and (v == height - 1 or coarse[v + 1, u] > 0)
                 weight[v, u] = 1 if inside else -1
+                pixels += 1
+                inner += inside
                 if not inside:
                     rim += slope[v, u] ** 2
     rim_px2 = (model.rim_m * mean * mean / model.f_baseline) ** 2 + model.rim_px**2
@@ -275,6 +281,7 @@ def fill_template(left, u0, v0, coarse, step, mean, noise2, model, template, slo
         for u in range(width):
             if weight[v, u] < 0:
                 weight[v, u] = share
+    return inner / max(pixels, 1)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)

@@ -31,6 +31,9 @@ ROBUST, LEAST_WEIGHT = 3.0, 8.0
 GRADIENT_NOISE = 0.903
 """What noise of variance 1 adds to the square of a gradient: the sum of its squared weights."""
 
+LEAST_ENERGY = 1e-3
+"""Of a block's gradients this share is never noise, so that every block has a say, however small."""
+
 TENTH = 1.2816
 """The nearest tenth of a Gaussian lies so many standard deviations off its mean."""
 
@@ -51,6 +54,7 @@ FIGURES = (
     "residual",
     "used",
     "pixels",
+    "inner",
 )
 """What a region comes to, in the order of the kernel's columns:
 
@@ -72,6 +76,8 @@ used
     Share of the pixels that count, by their robust weights.
 pixels
     How many there are.
+inner
+    Share of them that do not lie along the outline.
 """
 
 
@@ -184,7 +190,7 @@ def refine_region(left: Gray, right: Gray, u0: int, v0: int, coarse: Floats, mod
     deepest = float(np.sqrt(np.average((blocks.d - mean) ** 2, weights=blocks.count)))
     rows, columns = np.arange(0, coarse.shape[0], step), np.arange(coarse.shape[1])
     v, u = np.repeat(rows, len(columns)), np.tile(columns, len(rows))
-    template, slope, weight = template_of(left, u0, v0, coarse, u, v, mean, model)
+    template, slope, weight, inner = template_of(left, u0, v0, coarse, u, v, mean, model)
     keep = weight > 0
     u, v, template, slope, weight = u[keep], v[keep], template[keep], slope[keep], weight[keep]
     of = (v // blocks.side, u // blocks.side)
@@ -215,7 +221,15 @@ def refine_region(left: Gray, right: Gray, u0: int, v0: int, coarse: Floats, mod
         if iteration > 0 and abs(mean - before) < SETTLED_PX:
             break
     unseen, figures = summarize(blocks, mean, relief)
-    measured = [unseen, abs(mean - before), figures[0] - coarse_mean, np.sqrt(residual2), used * step / pixels, pixels]
+    measured = [
+        unseen,
+        abs(mean - before),
+        figures[0] - coarse_mean,
+        np.sqrt(residual2),
+        used * step / pixels,
+        pixels,
+        inner,
+    ]
     return np.array([*figures, *measured])
 
 
@@ -235,8 +249,8 @@ def start_blocks(coarse: Floats, mean: float) -> Blocks:
 
 def template_of(
     left: Gray, u0: int, v0: int, coarse: Floats, u: NDArray[np.int64], v: NDArray[np.int64], mean: float, model: Model
-) -> tuple[Floats, Floats, Floats]:
-    """Return grey levels of the left image, their slopes along the row, and weights of pixels.
+) -> tuple[Floats, Floats, Floats, float]:
+    """Return the left image's levels, slopes along the row, weights, and the share of pixels inside the outline.
 
     Weights are 0 outside and less along the outline: its pixels share what is wrong with them (it lies behind the mean
     surface, and what is behind it pulls), so all together count as one measurement with that error.
@@ -252,7 +266,8 @@ def template_of(
     rim_px2 = (model.rim_m * mean * mean / model.f_baseline) ** 2 + model.rim_px**2
     noise2 = 2 * model.noise**2
     share = noise2 / (noise2 + (slope[rim] ** 2).sum() * rim_px2)
-    return image[v + v0, x], slope, np.where(rim, share, known.astype(float))
+    inner = 1 - rim.sum() / max(known.sum(), 1)
+    return image[v + v0, x], slope, np.where(rim, share, known.astype(float)), float(inner)
 
 
 def search(template: Floats, right: Gray, x: NDArray[np.int64], y: NDArray[np.int64], d: Floats) -> int:
@@ -289,7 +304,7 @@ def inform_blocks(
 ) -> bool:
     """Fill in what the data say of each block and how surely; return whether they say anything.
 
-    The noise's share of the gradients' energy is taken off, and a block whose pixels fit badly counts less.
+    What noise alone may make of the gradients' energy (three standard deviations) is taken off, and a block whose pixels fit badly counts less.
     """
     sums = []
     for values in (w * slope**2, w * slope * e, w * e * e, w):
@@ -297,10 +312,13 @@ def inform_blocks(
         np.add.at(each, of, values)
         sums.append(each)
     gg, ge, ee, total = sums
-    energy = np.maximum(gg - GRADIENT_NOISE * model.noise**2 * total, 0.02 * gg)
-    known = (blocks.count > 0) & (total > 0) & (energy > 0)
     with np.errstate(all="ignore"):
         local2 = np.maximum(np.where(total > 4, ee / total, residual2), residual2 / 2)
+        noise2 = np.clip(local2 / 2, model.noise**2, 4 * model.noise**2)
+        by_noise = GRADIENT_NOISE * noise2 * (total + 3 * np.sqrt(total))
+    energy = np.maximum(gg - by_noise, LEAST_ENERGY * gg)
+    known = (blocks.count > 0) & (total > 0) & (energy > 0)
+    with np.errstate(all="ignore"):
         step = np.clip(-ge / energy, -FURTHEST_STEP_PX, FURTHEST_STEP_PX)
     blocks.target = np.where(known, blocks.d + step, mean)
     blocks.inform = np.where(known, energy / (2 * local2), 0.0)

@@ -73,7 +73,8 @@ def test_colour_and_sixteen_bit_are_measured_as_grey() -> None:
     colour = RectifiedPair(*(np.repeat(i[..., None], 3, -1) for i in (grey.left, grey.right)), TWIN)
     deep = RectifiedPair(*(i.astype(np.uint16) * 257 for i in (grey.left, grey.right)), TWIN)
     results = [refine(p, [region(6.0)], RefineSettings())[0].refined for p in (grey, colour, deep)]
-    assert results[0] == results[1] == results[2] is not None
+    assert all(found is not None for found in results)
+    assert [found.mean_d_px for found in results if found] == pytest.approx([results[0].mean_d_px] * 3, abs=1e-4)  # type: ignore[union-attr]
 
 
 def test_without_texture_the_detector_s_value_is_kept() -> None:
