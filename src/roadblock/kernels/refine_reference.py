@@ -304,7 +304,8 @@ def inform_blocks(
 ) -> bool:
     """Fill in what the data say of each block and how surely; return whether they say anything.
 
-    What noise alone may make of the gradients' energy (three standard deviations) is taken off, and a block whose pixels fit badly counts less.
+    What noise alone may make of the gradients' energy (three standard deviations) is taken off, and a block whose
+    pixels fit badly counts less.
     """
     sums = []
     for values in (w * slope**2, w * slope * e, w * e * e, w):

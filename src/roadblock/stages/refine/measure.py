@@ -25,7 +25,7 @@ is seen mixed with what is behind it everywhere."""
 CONTRADICTS = 4.0
 """The nearest face is no more than so many of the detector's standard deviations from where that saw it."""
 
-MEAN_SPREAD, MEAN_UNSEEN = 1.5, 0.66
+MEAN_SPREAD, MEAN_UNSEEN = 1.35, 0.6
 NEAREST_SPREAD, NEAREST_UNSEEN = 2.0, 0.9
 FLOOR_PX, NEAREST_M = 0.006, 0.02
 """What the blocks' scatter and the relief that the fit could not resolve do to the mean and to the nearest face; and
