@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from stage_examples import TWIN
 
+from roadblock.config import load_settings
 from roadblock.errors import ValueRefusedError
 from roadblock.stages.refine import RefineSettings, refine
 from roadblock.stages.refine.measure import cell_size, noise_level
@@ -35,7 +36,7 @@ def pair(d_px: float, gain: float = 1.0, offset: float = 0.0, noise: float = 1.0
     return RectifiedPair(images[0], images[1], TWIN)
 
 
-def region(d_px: float, sigma_px: float = 0.4, cell: int = 4) -> Region:
+def region(d_px: float, sigma_px: float = 0.6, cell: int = 4) -> Region:
     """Return 10 x 8 cells about the middle of the image."""
     u, v = np.meshgrid(36 + cell * np.arange(10) + (cell - 1) / 2, 16 + cell * np.arange(8) + (cell - 1) / 2)
     uvd = np.stack([u.ravel(), v.ravel(), np.full(u.size, d_px)], -1)
@@ -56,6 +57,7 @@ def test_off_is_off_and_nothing_is_nothing() -> None:
     regions = (region(6.0),)
     assert refine(pair(6.0), regions, RefineSettings(level="off")) == regions
     assert refine(pair(6.0), (), RefineSettings()) == ()
+    assert load_settings(assignments=["refine.level=off"]).refine.level == "off"
 
 
 def test_what_the_detector_said_stays() -> None:
@@ -71,7 +73,8 @@ def test_colour_and_sixteen_bit_are_measured_as_grey() -> None:
     colour = RectifiedPair(*(np.repeat(i[..., None], 3, -1) for i in (grey.left, grey.right)), TWIN)
     deep = RectifiedPair(*(i.astype(np.uint16) * 257 for i in (grey.left, grey.right)), TWIN)
     results = [refine(p, [region(6.0)], RefineSettings())[0].refined for p in (grey, colour, deep)]
-    assert results[0] == results[1] == results[2] is not None
+    assert all(found is not None for found in results)
+    assert [found.mean_d_px for found in results if found] == pytest.approx([results[0].mean_d_px] * 3, abs=1e-4)  # type: ignore[union-attr]
 
 
 def test_without_texture_the_detector_s_value_is_kept() -> None:
