@@ -49,7 +49,7 @@ def errors(rendered: Rendered, obstacles: tuple[Obstacle, ...]) -> list[tuple[fl
 @pytest.fixture(scope="module")
 def measured() -> np.ndarray:
     """Return (n, 3): true range, error, stated sigma."""
-    pipeline = Pipeline(RIG, load_settings(assignments=["refine.level=off"]))
+    pipeline = Pipeline(RIG, load_settings())
     rows = []
     for seed in SEEDS:
         rng = np.random.default_rng(seed)

@@ -116,7 +116,7 @@ def with_exact_mask(
         median_px = np.nanmedian(d_px[mask]) if np.isfinite(d_px[mask]).any() else np.nan
         yield {"detector": name, "range_m": plain(float(distance_m(median_px, r))), "range_sigma_m": None} | true_mean
     region = exact_region(mask, maps["sgbm_exact"], r.f_px * r.baseline_m / nearest_m)
-    refined = refine(pair, [region], RefineSettings())[0].refined
+    refined = refine(pair, [region], RefineSettings(level="fast"))[0].refined
     for name, true_m in (("refined_mean", mean_m), ("refined_nearest", nearest_m)):
         measured_px, sigma_px = np.nan, np.nan
         if refined is not None and name == "refined_mean":

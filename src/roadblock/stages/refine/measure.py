@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.kernels.refine_compiled import refine_regions
-from roadblock.kernels.refine_reference import FIGURES, Model
+from roadblock.kernels.compiled.refine import refine_regions
+from roadblock.kernels.reference.refine import FIGURES, Model
 from roadblock.stages.refine.settings import RefineSettings
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray

@@ -10,7 +10,7 @@ class RefineSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    level: Literal["fast", "off"] = Field("fast", description="fast: least squares over a region; off: as detected.")
+    level: Literal["fast", "off"] = Field("off", description="fast: least squares over a region; off: as detected.")
 
     @field_validator("level", mode="before")
     @classmethod

@@ -1,9 +1,9 @@
-"""Refinement of regions, compiled: see `refine_reference`."""
+"""Refinement of regions, compiled: see `reference.refine`."""
 
 import numba
 import numpy as np
 
-from roadblock.kernels.refine_reference import (
+from roadblock.kernels.reference.refine import (
     FIGURES,
     FURTHEST_STEP_PX,
     GRADIENT_NOISE,
@@ -91,7 +91,7 @@ def paint(uvd, cell_px, box, coarse):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def refine_region(left, right, box, coarse, planes, blocks, row, fir, model, figures):  # type: ignore[no-untyped-def]  # noqa: C901
+def refine_region(left, right, box, coarse, planes, blocks, row, fir, model, figures):  # type: ignore[no-untyped-def]
     """Refine one region: its box, the coarse disparity of its pixels (0 = none), scratch, and where its figures go."""
     height, width = coarse.shape
     u0, v0 = box[0], box[1]

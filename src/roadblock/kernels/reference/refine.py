@@ -1,4 +1,4 @@
-"""Refinement of regions as plain numpy: slow, short, and what `refine_compiled` reproduces to 1e-3 px.
+"""Refinement of regions as plain numpy: slow, short, and what `compiled.refine` reproduces to 1e-3 px.
 
 A region is a set of cells with a coarse disparity each. It is cut into square blocks; each block has one disparity, and
 neighbouring blocks are tied to each other and to the region's mean by what surfaces do (see `Model`). All are found
