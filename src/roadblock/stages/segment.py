@@ -163,7 +163,8 @@ def find_regions(
     parent = np.empty(d_px.size, np.int32)
     limits = np.array([settings.reach_m, *settings.height_m])
     links = np.array([settings.link_m, settings.link_px])
-    kernels.link(d_px, surface.z_m, surface.height_m, limits, links, settings.gap_px // w, settings.gap_px // h, parent)
+    gaps = max(1, settings.gap_px // w), max(1, settings.gap_px // h)
+    kernels.link(d_px, surface.z_m, surface.height_m, limits, links, *gaps, parent)
     cells, bounds = np.empty(d_px.size, np.int32), np.empty(MOST_REGIONS + 1, np.int32)
     nearest = np.empty(MOST_REGIONS)
     found = kernels.gather_pieces(
