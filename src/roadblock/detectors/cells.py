@@ -31,7 +31,8 @@ def cells(settings: Settings) -> Callable[[RectifiedPair], Detections]:
         clock.append(perf_counter())
         surface = lift(disparity, pair.rectification, ground)
         free_space = find_free_space(surface, ground, settings.segment)
-        regions = find_regions(surface, pair.left, ground, settings.segment)
+        colors = pair.left_middles(disparity.cell_px, disparity.cell_height_px)
+        regions = find_regions(surface, colors, ground, settings.segment)
         clock.append(perf_counter())
         spent_ms = (1e3 * np.diff(clock)).tolist()
         return Detections(
