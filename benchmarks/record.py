@@ -18,17 +18,27 @@ turns in one run.
 """
 
 
-def save(name: str, command: str, columns: list[str], rows: list[list[Any]], notes: str = "") -> None:
-    """Write one benchmark's table and the page of all of them."""
+def save(
+    name: str,
+    command: str,
+    columns: list[str] | None,
+    rows: list[Any],
+    notes: str = "",
+    more: dict[str, Any] | None = None,
+) -> None:
+    """Write one benchmark's table and the page of all of them.
+
+    Rows are lists of as many cells as there are columns, or dictionaries that name their own; `more` goes beside them.
+    """
     record = {
         "command": command,
         "commit": package_commit(),
         "date": datetime.now(UTC).date().isoformat(),
         "machine": machine_record(),
-        "columns": columns,
+        "columns": columns or list(rows[0]),
         "rows": rows,
         "notes": notes,
-    }
+    } | (more or {})
     RESULTS.mkdir(exist_ok=True)
     (RESULTS / f"{name}.json").write_text(json.dumps(record, indent=1, allow_nan=False) + "\n")
     write_page()
@@ -39,7 +49,8 @@ def write_page() -> None:
     sections = [HEAD]
     for path in sorted(RESULTS.glob("*.json")):
         r = json.loads(path.read_text())
-        table = [r["columns"], ["---"] * len(r["columns"]), *r["rows"]]
+        rows = [row.values() if isinstance(row, dict) else row for row in r["rows"]]
+        table = [r["columns"], ["---"] * len(r["columns"]), *rows]
         sections.append(f"## {path.stem.replace('_', ' ')}\n")
         if r["notes"]:
             sections.append(r["notes"] + "\n")

@@ -80,7 +80,12 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 
 def _parse(text: str) -> Any:
-    """Read a value as YAML does, so that 3, 0.5, true, [1, 2] and words need no quotes; what is no YAML is a word."""
+    """Read a value as YAML does, so that 3, 0.5, true, [1, 2] and words need no quotes; what is no YAML is a word.
+
+    So are on, off, yes and no, which YAML takes for truth values.
+    """
+    if text.strip().lower() in ("on", "off", "yes", "no"):
+        return text.strip()
     try:
         return yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError):

@@ -9,7 +9,7 @@ from roadblock.config import Settings
 from roadblock.detectors import make_detector
 from roadblock.errors import SourceError
 from roadblock.stages.health import judge, looks_swapped
-from roadblock.stages.recognize import name_color
+from roadblock.stages.recognize import name_colors
 from roadblock.stages.rectify import plan_rectification, rectify
 from roadblock.stages.refine import refine
 from roadblock.stages.triangulate import add_calibration_error, locate_all
@@ -64,7 +64,7 @@ class Pipeline:
             matches = not math.isnan(found.matched_share)
             regions = refine(rectified, found.regions, self.settings.refine) if matches else found.regions
         with _timed(timings_ms, "triangulate"):
-            colors = [name_color(region.color_rgb) for region in regions]
+            colors = name_colors([region.color_rgb for region in regions])
             located = locate_all(regions, self.rectification, found.ground, colors, self.rig.T_vehicle_car)
             obstacles = add_calibration_error(located, self.rectification, self.rig)
         health = judge(found, self.settings.health)

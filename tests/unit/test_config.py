@@ -40,6 +40,8 @@ def test_without_anything_all_is_as_described() -> None:
         ("ground.height_m=[0.5, 2]", "ground", "height_m", (0.5, 2.0)),
         ("rectify.size_px=[640, 360]", "rectify", "size_px", (640, 360)),
         ("rectify.f_px=null", "rectify", "f_px", None),
+        ("refine.level=off", "refine", "level", "off"),
+        ("match.both_ways=yes", "match", "both_ways", True),
         ("match={disparities: 32, block_px: 5}", "match", "block_px", 5),
     ],
 )

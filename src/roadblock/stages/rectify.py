@@ -125,9 +125,14 @@ def rectify(pair: StereoPair, rectification: Rectification, raw_size_px: tuple[i
     left, right = gray8(pair.left, pair.right)
     half = _sample(left, (u_left, v_left)), _sample(right, (u_right, v_right))
     return RectifiedPair.deferred(
-        lambda: _sample(pair.left, maps_left), lambda: _sample(pair.right, maps_right), half, *about
+        lambda window: _sample(pair.left, (maps_left[0][window], maps_left[1][window])),
+        lambda window: _sample(pair.right, (maps_right[0][window], maps_right[1][window])),
+        half,
+        *about,
     )
 
 
 def _sample(image: Image, maps: tuple[NDArray[np.float32], NDArray[np.float32]]) -> Image:
+    if maps[0].size == 0:  # which OpenCV refuses
+        return np.empty((*maps[0].shape, *image.shape[2:]), image.dtype)
     return np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR))

@@ -3,6 +3,7 @@
 Works on cells, so that a dense map (reduced by `to_cells`) and a matcher that thinks in cells share it.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,7 @@ NEAREST_SHARE = 0.15
 """Free space ends at this share of the cells that stand together: the very nearest may be stray ones."""
 MOST_REGIONS = 1000
 """Of one frame; further ones are dropped."""
+NO_COLOR = np.full(3, np.nan)
 
 
 class SegmentSettings(BaseModel):
@@ -137,7 +139,7 @@ def _road_ranges(surface: Surface, ground: GroundPlane) -> FloatArray:
 
 
 def find_regions(
-    surface: Surface, image: Image, ground: GroundPlane | None, settings: SegmentSettings
+    surface: Surface, colors: Image, ground: GroundPlane | None, settings: SegmentSettings
 ) -> tuple[Region, ...]:
     """Group the cells that stand on the road.
 
@@ -145,8 +147,8 @@ def find_regions(
     ----------
     surface
         The cells in space.
-    image
-        Rectified left image, for the colour.
+    colors
+        (at least rows, at least columns) pixel of the rectified left image in the middle of each cell.
     ground
         The road; without one, everything in reach counts.
     settings
@@ -193,7 +195,7 @@ def find_regions(
     parent[:] = -1
     pieces = [(boxes[i], cells[bounds[i] : bounds[i + 1]]) for i in order[kept]]
     return tuple(
-        _region(box, piece, surface, image, parent, number, settings) for number, (box, piece) in enumerate(pieces)
+        _region(box, piece, surface, colors, parent, number, settings) for number, (box, piece) in enumerate(pieces)
     )
 
 
@@ -209,7 +211,7 @@ def _region(
     box: NDArray[np.int32],
     cells: NDArray[np.int32],
     surface: Surface,
-    image: Image,
+    colors: Image,
     member: NDArray[np.int32],
     number: int,
     settings: SegmentSettings,
@@ -221,14 +223,14 @@ def _region(
     roughness_px, corners = kernels.describe(
         d_px, surface.height_m, cells, w, h, FOOT_M, int(box[3]), member, number, uvd, outline
     )
-    color = np.full(3, np.nan)
-    if image.ndim == 3:
-        color = kernels.mean_color(image, cells, d_px.shape[1], w, h) / (257 if image.dtype == np.uint16 else 1)
-    scatter_px = roughness_px if np.isfinite(roughness_px) else disparity.sigma_px
+    color = NO_COLOR
+    if colors.ndim == 3:
+        color = kernels.mean_color(colors, cells, d_px.shape[1], 1, 1) / (257 if colors.dtype == np.uint16 else 1)
+    scatter_px = roughness_px if math.isfinite(roughness_px) else disparity.sigma_px
     return Region(
         box_px=tuple(box.tolist()),
         contour_px=outline[:corners],
         surface_uvd_px=uvd,
-        sigma_d_px=float(np.hypot(settings.locking_px, scatter_px)),
+        sigma_d_px=math.hypot(settings.locking_px, scatter_px),
         color_rgb=color,
     )

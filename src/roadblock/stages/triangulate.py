@@ -80,11 +80,12 @@ def locate_all(
     length_m = np.where(depth_m > np.maximum(0.5, 3 * sigma_m), depth_m, np.nan)
     sizes_m = np.stack([np.maximum(right_m - left_m, 1 / scale), height_m, length_m], -1)
     positions_m = transform(T, feet)
+    ranges, range_sigmas = range_m.tolist(), sigma_m.tolist()
     return [
         Obstacle(
             position_m=positions_m[i],
-            range_m=float(range_m[i]),
-            range_sigma_m=float(sigma_m[i]),
+            range_m=ranges[i],
+            range_sigma_m=range_sigmas[i],
             size_m=sizes_m[i],
             uvd_px=uvd[i],
             cov_uvd_px2=cov_uvd[i],

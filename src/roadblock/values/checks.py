@@ -1,5 +1,6 @@
 """Checks that values make of themselves on construction. All cost O(1) in the image size."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -35,9 +36,13 @@ def numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     if array.dtype.kind not in "iuf":
         found = " ".join(repr(value).split())
         raise ValueRefusedError(f"{name} must be numbers of shape {shape}, but got {found:.60}")
-    if len(array.shape) != len(shape) or any(want not in (-1, n) for want, n in zip(shape, array.shape, strict=True)):
+    if array.shape != shape and (
+        len(array.shape) != len(shape) or any(want not in (-1, n) for want, n in zip(shape, array.shape, strict=True))
+    ):
         raise ValueRefusedError(f"{name} must have shape {shape}, but got {array.shape}")
-    return locked(np.array(array, dtype=np.float64))
+    own = np.array(array, dtype=np.float64)
+    own.flags.writeable = False
+    return own
 
 
 def finite(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
@@ -62,10 +67,11 @@ def positive(name: str, value: float) -> float:
     ValueRefusedError
         If it is not.
     """
-    number = float(finite(name, value, ()))
-    if number <= 0:
-        raise ValueRefusedError(f"{name} must be > 0, but got {number:g}")
-    return number
+    if type(value) is not float or not math.isfinite(value):
+        value = float(finite(name, value, ()))
+    if value <= 0:
+        raise ValueRefusedError(f"{name} must be > 0, but got {value:g}")
+    return value
 
 
 def image_size(name: str, value: ArrayLike) -> tuple[int, int]:

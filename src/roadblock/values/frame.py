@@ -16,6 +16,10 @@ Gray = NDArray[np.uint8]
 Image = NDArray[Any]
 """(height, width) grey or (height, width, 3) RGB; uint8 or uint16."""
 
+Window = tuple[slice, slice]
+"""Which rows and columns of an image."""
+WHOLE: Window = (slice(None), slice(None))
+
 
 def check_pair(left: Image, right: Image, what: str) -> tuple[Image, Image]:
     """Return both images read-only if they are a pair: same shape and dtype, grey or RGB, 8 or 16 bit.
@@ -102,6 +106,7 @@ class RectifiedPair:
             raise ValueRefusedError(
                 f"frame {name}: images are {left.shape[1]}x{left.shape[0]}, but the rig is for {width}x{height}"
             )
+        self._part: Callable[[Window], Image] = lambda window: left[window]
         self._left, self._right = cache(lambda: left), cache(lambda: right)
         self.half: tuple[Gray, Gray] | None = None
         self.rectification, self.index, self.name, self.t_ns = rectification, index, name, t_ns
@@ -109,17 +114,18 @@ class RectifiedPair:
     @classmethod
     def deferred(
         cls,
-        left: Callable[[], Image],
-        right: Callable[[], Image],
+        left: Callable[[Window], Image],
+        right: Callable[[Window], Image],
         half: tuple[Gray, Gray],
         rectification: Rectification,
         index: int = 0,
         name: str = "0",
         t_ns: int = 0,
     ) -> Self:
-        """Return a pair whose full images are made by `left` and `right` when first looked at."""
+        """Return a pair whose images are made by `left` and `right` when first looked at, as far as asked for."""
         pair = cls.__new__(cls)
-        pair._left, pair._right = cache(lambda: locked(left())), cache(lambda: locked(right()))
+        pair._part = left
+        pair._left, pair._right = cache(lambda: locked(left(WHOLE))), cache(lambda: locked(right(WHOLE)))
         pair.half = half
         pair.rectification, pair.index, pair.name, pair.t_ns = rectification, index, name, t_ns
         return pair
@@ -128,6 +134,14 @@ class RectifiedPair:
     def left(self) -> Image:
         """The rectified left image."""
         return self._left()
+
+    def left_middles(self, cell_px: int, cell_height_px: int) -> Image:
+        """Return (rows, columns) pixels of `left`, one in the middle of each cell, without the cost of the others.
+
+        Cells count from the image's corner; a last one that holds no middle is left out.
+        """
+        window = slice(cell_height_px // 2, None, cell_height_px), slice(cell_px // 2, None, cell_px)
+        return locked(np.ascontiguousarray(self._part(window)))
 
     @property
     def right(self) -> Image:

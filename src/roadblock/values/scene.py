@@ -11,6 +11,9 @@ from roadblock.values.checks import FloatArray, finite, locked, numbers, positiv
 NEAREST_FACE_PERCENT = 10
 """What range means everywhere: the nearest visible face is this percentile of the forward distance over the surface."""
 
+UNKNOWN_COV = locked(np.full((3, 3), np.nan))
+"""Covariance of what nobody knows."""
+
 HEALTH_STATES = ("ok", "degraded", "failed")
 
 
@@ -243,7 +246,7 @@ class Obstacle:
     color: str | None = None
     label: str = "unknown"
     probability: float = float("nan")
-    cov_calib_m2: FloatArray = field(default_factory=lambda: np.full((3, 3), np.nan))
+    cov_calib_m2: FloatArray = field(default_factory=lambda: UNKNOWN_COV)
     range_sigma_calib_m: float = float("nan")
 
     def __post_init__(self) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from roadblock.stages.recognize import name_color
+from roadblock.stages.recognize import name_colors
 
 CANONICAL = {
     "black": [(0, 0, 0), (25, 25, 28), (45, 42, 44)],
@@ -22,16 +22,16 @@ CANONICAL = {
 
 @pytest.mark.parametrize(("name", "rgb"), [(name, rgb) for name, colors in CANONICAL.items() for rgb in colors])
 def test_canonical_colours_have_their_names(name: str, rgb: tuple[int, int, int]) -> None:
-    assert name_color(np.array(rgb, float)) == name
+    assert name_colors([np.array(rgb, float)]) == [name]
 
 
 def test_the_terms_are_the_eleven() -> None:
     grid = np.stack(np.meshgrid(*3 * [np.linspace(0, 255, 12)]), -1).reshape(-1, 3)
-    assert {name_color(rgb) for rgb in grid} == set(CANONICAL)
+    assert set(name_colors(list(grid))) == set(CANONICAL)
 
 
 def test_greys_go_from_black_to_white_and_never_back() -> None:
-    names = [name_color(np.full(3, float(level))) for level in range(256)]
+    names = name_colors([np.full(3, float(level)) for level in range(256)])
     order = ["black", "gray", "white"]
     assert [n for n in order for _ in range(names.count(n))] == names
     assert all(names.count(n) > 40 for n in order)
@@ -39,4 +39,9 @@ def test_greys_go_from_black_to_white_and_never_back() -> None:
 
 @pytest.mark.parametrize("rgb", [(np.nan, np.nan, np.nan), (10.0, np.nan, 3.0), (np.inf, 0.0, 0.0)])
 def test_an_unknown_colour_has_no_name(rgb: tuple[float, float, float]) -> None:
-    assert name_color(np.array(rgb)) is None
+    red = np.array([255.0, 0.0, 0.0])
+    assert name_colors([red, np.array(rgb), red]) == ["red", None, "red"]
+
+
+def test_nothing_has_no_colours() -> None:
+    assert name_colors([]) == []

@@ -266,3 +266,16 @@ def test_full_images_are_resampled_when_looked_at(monkeypatch: pytest.MonkeyPatc
     assert sizes == [half, half, full]
     assert out.right is out.right
     assert sizes == [half, half, full, full]
+
+
+@pytest.mark.parametrize("rig", [brown_rig(), rectified_rig()], ids=["resampled", "as it is"])
+@pytest.mark.parametrize("channels", [(), (3,)])
+@pytest.mark.parametrize(("width", "height"), [(4, 4), (8, 4), (1, 1), (200, 100)])
+def test_the_middles_of_cells_are_pixels_of_the_whole(
+    rig: StereoRig, channels: tuple[int, ...], width: int, height: int
+) -> None:
+    pair = rectify(pictures(channels=channels), plan_rectification(rig), SIZE)
+    middles = pair.left_middles(width, height)
+    np.testing.assert_array_equal(middles, pair.left[height // 2 :: height, width // 2 :: width])
+    assert middles.flags.c_contiguous
+    assert not middles.flags.writeable
