@@ -55,17 +55,20 @@ def test_candidates(shape: tuple[int, int], cell: tuple[int, int]) -> None:
 
 
 @pytest.mark.parametrize("by_m", [0.0, 0.3])
-@pytest.mark.parametrize("n", [0, 1, 9, 30, 1000])
+@pytest.mark.parametrize("n", [0, 1, 9, 10, 30, 1000])
 def test_plane(n: int, by_m: float) -> None:
+    """Points come nearest to the plane first, so that the first ten are near it."""
     points, most = gathered()
     assert most >= 1000
+    x, y, z, _ = points[:most].T
+    points = points[np.argsort(abs(y - 1.35 + 0.02 * z - 0.01 * x) + 99 * (z > 24))]
     fast, slow = (np.array([1.35, -0.02, 0.01]) for _ in range(2))
     near = [
         kernels.fit_plane(points, n, plane, 0.7, by_m, SCALES, np.full((3, 3), 7.0), np.full(3, 7.0))
         for kernels, plane in ((compiled, fast), (reference, slow))
     ]
     assert near[0] == near[1]
-    assert (slow[0] == 1.35) == (near[1] < reference.LEAST_POINTS)
+    assert (slow[0] == 1.35) == (n < reference.LEAST_POINTS)
     np.testing.assert_allclose(fast, slow, **SUMS)
 
 
@@ -111,8 +114,9 @@ def test_limits(plane: tuple[float, float, float]) -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 1, 12345])
-@pytest.mark.parametrize("draws", [10, 60])
+@pytest.mark.parametrize("draws", [0, 1, 2, 3, 60])
 def test_drawn_plane(draws: int, seed: int) -> None:
+    """Few draws lead to planes that tell which points were drawn."""
     points, n = gathered()
     for prior in (NO_PRIOR, np.array([1.4, -0.03, 0.02]), np.array([9.0, 0.0, 0.0])):
         for minimum in (10, 10**6):
@@ -121,7 +125,8 @@ def test_drawn_plane(draws: int, seed: int) -> None:
                 kernels.draw_plane(points, n, draws, seed, 0.7, minimum, ALLOWED, SCALES, prior, plane)
                 for kernels, plane in ((compiled, fast), (reference, slow))
             ]
-            assert found[0] == found[1] == (minimum == 10)
+            assert found[0] == found[1]
+            assert draws in (1, 2, 3) or found[1] == (minimum == 10 and (draws == 60 or prior[0] == 1.4))
             np.testing.assert_allclose(fast, slow, **SUMS)
 
 
@@ -133,8 +138,12 @@ def test_of_points_in_a_row_none_is_drawn() -> None:
 
 @pytest.mark.parametrize("n", [0, 1, 40, 1000])
 @pytest.mark.parametrize("far", [50.0, 25.0, 10.0])
-def test_bend(far: float, n: int) -> None:
-    points, _ = gathered()
+@pytest.mark.parametrize("q", [0.0, 0.0004, 0.0008, -0.0006])
+def test_bend(q: float, far: float, n: int) -> None:
+    rng = np.random.default_rng(5)
+    z, x = rng.uniform(4, 50, 1000), rng.uniform(-6, 6, 1000)
+    y = 1.4 - 0.03 * z + 0.02 * x - q * np.maximum(z - 12, 0) ** 2 + rng.normal(0, 0.05, 1000)
+    points = np.stack([x, y, z, FB / z], -1)
     start = np.array([1.4, -0.03, 0.02])
     fast, slow = np.empty(4), np.empty(4)
     compiled.bend(points, n, start, far, 0.1, SCALES, fast)

@@ -134,13 +134,19 @@ def test_pieces(shape: tuple[int, int], kind: str, road: np.ndarray) -> None:
     _, z, height, parent = linked(shape, kind, road)
     columns = shape[1]
     overhead_m = np.nan if road is NO_ROAD else 1.0
-    for least, split_m, most in ((0, 8.0, 1000), (1, 0.5, 1000), (4, 0.5, 1000), (1, 2.0, 2), (1, 2.0, 0)):
+    for least, split_m, most, fb in (
+        (0, 8, 999, FB),
+        (1, 0.5, 999, FB),
+        (4, 0.5, 999, 1e9),
+        (1, 2, 2, 1e9),
+        (1, 2, 0, FB),
+    ):
         results = []
         for kernels in (compiled, reference):
             cells, bounds = np.empty(parent.size, np.int32), np.empty(most + 1, np.int32)
             nearest = np.empty(most)
             found = kernels.gather_pieces(
-                parent, z, height, FB, least, overhead_m, split_m, 0.1, cells, bounds, nearest
+                parent, z, height, fb, least, overhead_m, float(split_m), 0.1, cells, bounds, nearest
             )
             boxes = np.empty((found, 4), np.int32)
             kernels.measure_boxes(cells, bounds, found, columns, boxes)
@@ -228,6 +234,15 @@ def test_hiding(n: int) -> None:
     reference.drop_hidden(boxes, areas, slow)
     np.testing.assert_array_equal(fast, slow)
     assert n < 60 or 0 < np.count_nonzero(slow) < n
+
+
+def test_what_is_hidden_hides_nothing() -> None:
+    """The third box lies in the second, which the first hides, but beside the first."""
+    boxes = np.array([[0, 0, 100, 90], [0, 0, 110, 90], [101, 0, 110, 90]], np.int32)
+    for kernels in (compiled, reference):
+        kept = np.empty(3, bool)
+        kernels.drop_hidden(boxes, np.array([9000, 9900, 810], np.int32), kept)
+        assert kept.tolist() == [True, False, True]
 
 
 def test_the_largest_images_hide_things_too() -> None:
