@@ -8,9 +8,13 @@ from email.message import Message
 from pathlib import Path
 
 import cv2
+import numba
 import pytest
 
 import roadblock as package
+from roadblock.config import Settings
+from roadblock.io.sources import open_source
+from roadblock.pipeline import Pipeline
 
 
 def findings(printed: str) -> str:
@@ -116,3 +120,31 @@ def test_a_package_without_extras(roadblock, monkeypatch) -> None:
 def test_the_threading_layer_that_is_chosen(roadblock, monkeypatch) -> None:
     monkeypatch.setitem(os.environ, "NUMBA_THREADING_LAYER", "workqueue")
     assert "workqueue" in roadblock("doctor").out
+
+
+def signatures() -> int:
+    """How many versions of kernels are compiled or loaded in this process."""
+    modules = [module for name, module in sys.modules.items() if name.startswith("roadblock.kernels")]
+    kernels = {
+        value
+        for module in modules
+        for value in vars(module).values()
+        if isinstance(value, numba.core.dispatcher.Dispatcher)
+    }
+    return sum(len(kernel.signatures) for kernel in kernels)
+
+
+def test_warm_kernels_leave_nothing_to_compile(roadblock, monkeypatch, street: Path) -> None:
+    monkeypatch.setattr(sys.modules["roadblock.cli.doctor"], "DISPARITIES", (128,))
+    ran = roadblock("doctor", "--warm")
+    assert ran.code == 0
+    assert "kernels compiled, or found compiled, in" in findings(ran.out)
+    warm = signatures()
+    assert warm > 20
+    recording = open_source(street)
+    for detector in ("cells", "fast"):
+        pipeline = Pipeline(recording.rig, Settings(detector=detector))
+        for pair in recording:
+            result, _ = pipeline.step(pair)
+            assert result.obstacles
+    assert signatures() == warm

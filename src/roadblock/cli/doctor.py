@@ -9,18 +9,25 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from time import perf_counter
 from typing import Annotated
 
 import cv2
 import numba
+import numpy as np
 import typer
 
 import roadblock
 from roadblock.cli.rig import FormatOption, SizeOption, UnitOption, open_rig
-from roadblock.cli.terminal import show_table
+from roadblock.cli.terminal import progress_bar, show_table
+from roadblock.config import Settings
 from roadblock.errors import RoadblockError
+from roadblock.geometry.pose import pose, rotation_from_rotvec
 from roadblock.io.machine import package_commit
 from roadblock.io.rig import describe_rig
+from roadblock.pipeline import Pipeline
+from roadblock.values.camera import Camera, StereoRig
+from roadblock.values.frame import StereoPair
 
 THREADING = {
     "tbb": "numba.np.ufunc.tbbpool",
@@ -28,6 +35,9 @@ THREADING = {
     "workqueue": "numba.np.ufunc.workqueue",
 }
 """Threading layers and the modules that carry them."""
+WARMED = ("cells", "fast")
+"""Detectors whose kernels are compiled ahead."""
+DISPARITIES = (64, 128, 256)
 Row = tuple[str, str, str]
 """(ok, missing or FAIL; what; finding)."""
 
@@ -37,9 +47,14 @@ def doctor(
     unit: UnitOption = "m",
     size: SizeOption = None,
     rig_format: FormatOption = None,
+    warm: Annotated[
+        bool, typer.Option("--warm", help="Compile all kernels ahead; takes a minute or two once.")
+    ] = False,
 ) -> None:
     """Check the installation, and a rig file if one is given; exit code 2 if something is broken."""
     rows = [*_installation(), *_opencv(), *_numba(), *_extras()]
+    if warm:
+        rows += _warm()
     if rig is not None:
         rows += _rig(rig, unit, size, rig_format)
     show_table("roadblock doctor", ("", "what", "finding"), rows)
@@ -85,6 +100,39 @@ def _numba() -> Iterator[Row]:
             f"{folder} cannot be written: set NUMBA_CACHE_DIR to a folder of yours, or numba falls back to one of its "
             "own or compiles anew at each start",
         )
+
+
+def _warm() -> Iterator[Row]:
+    """Step with every detector and search range that has kernels of its own; numba keeps what it compiled."""
+    start = perf_counter()
+    chosen = [(name, disparities) for name in WARMED for disparities in DISPARITIES]
+    rig, pairs = _small_street()
+    with progress_bar() as bar:
+        for name, disparities in bar.track(chosen, description="compiling"):
+            settings = Settings(detector=name)
+            cells = settings.cells.model_copy(update={"disparities": disparities})
+            pipeline = Pipeline(rig, settings.model_copy(update={"cells": cells}))
+            for pair in pairs:
+                pipeline.step(pair)
+    yield "ok", "kernels", f"compiled, or found compiled, in {perf_counter() - start:.1f} s"
+
+
+def _small_street() -> tuple[StereoRig, list[StereoPair]]:
+    """Return a rig, and a grey, a coloured and a 16-bit pair of noise that is shifted like a road with a wall on it."""
+    height, width = 120, 320
+    camera = Camera((width, height), 200.0, 200.0, 160.0, 40.0)
+    turned = rotation_from_rotvec([0.0, 1e-6, 0.0])  # so that rectification has something to do
+    noise = np.random.default_rng(0).integers(0, 256, (height, width), np.uint8)
+    noise = cv2.GaussianBlur(noise, (0, 0), 1.5)
+    shifts = np.maximum(np.arange(height) - 40, 0) * 0.3  # of a road 1.4 m below cameras 0.4 m apart
+    d_px = np.repeat(shifts[:, None], width, 1)
+    d_px[30:90, 120:220] = shifts[90]
+    u, v = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    left = cv2.remap(noise, u - d_px.astype(np.float32), v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    pairs = [StereoPair(left, noise)]
+    left, right = (cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) for image in (left, noise))
+    pairs += [StereoPair(left, right), StereoPair(left.astype(np.uint16) * 257, right.astype(np.uint16) * 257)]
+    return StereoRig(camera, camera, pose(turned, [0.42, 0.0, 0.0])), pairs
 
 
 def _extras() -> Iterator[Row]:

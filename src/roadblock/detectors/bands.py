@@ -5,8 +5,8 @@ from time import perf_counter
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from roadblock.config import Settings
 from roadblock.kernels.gray import gray8
@@ -105,7 +105,7 @@ def joined(labels: Labels, ends: Sequence[Ends], standing: Sequence[int]) -> lis
     The threshold cuts a person's dark trousers from a bright jacket; matching is over, so they may be put together.
     Neighbours side by side stay apart.
     """
-    boxes = ndimage.find_objects(labels)
+    boxes = scipy.ndimage.find_objects(labels)
     groups: list[list[int]] = []
     for n in standing:
         with_n = [

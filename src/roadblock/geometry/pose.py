@@ -1,8 +1,8 @@
 """Poses as 4x4 matrices `T_a_b`: `p_a = T_a_b @ p_b`, inner letters cancel (the paper's eqs. 3 and 6-7)."""
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from roadblock.values.checks import FloatArray
 
@@ -31,12 +31,12 @@ def transform(T_a_b: FloatArray, points_b: ArrayLike) -> FloatArray:
 
 def rotation_from_rotvec(rotvec_rad: ArrayLike) -> FloatArray:
     """Return the 3x3 rotation by `|rotvec|` radians about `rotvec` (3,)."""
-    return Rotation.from_rotvec(np.array(rotvec_rad, float).reshape(3)).as_matrix()
+    return scipy.spatial.transform.Rotation.from_rotvec(np.array(rotvec_rad, float).reshape(3)).as_matrix()
 
 
 def rotvec_from_rotation(R: ArrayLike) -> FloatArray:
     """Return the rotation vector (3,) of a 3x3 rotation, radians, at most pi long."""
-    return Rotation.from_matrix(np.array(R, float)).as_rotvec()
+    return scipy.spatial.transform.Rotation.from_matrix(np.array(R, float)).as_rotvec()
 
 
 def vehicle_from_car(T_vehicle_car: FloatArray | None) -> FloatArray:

@@ -30,7 +30,7 @@ def name_colors(rgbs: Sequence[FloatArray]) -> list[str | None]:
     known = np.asarray(np.isfinite(pixels).all(axis=1))
     pixels[~known] = 0
     labs = cv2.cvtColor(pixels[:, None], cv2.COLOR_RGB2LAB)[:, 0].tolist()
-    return [_name(*lab) if sure else None for lab, sure in zip(labs, known.tolist(), strict=True)]
+    return [_name(*lab) if sure else None for lab, sure in zip(labs, known, strict=True)]
 
 
 def _name(lightness: float, a: float, b: float) -> str:

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from roadblock.errors import ValueRefusedError
 from roadblock.geometry.stereo import triangulate
@@ -93,7 +93,7 @@ class _Blocks:
 
     def __init__(self, targets: Targets) -> None:
         self.share = targets.share
-        self.boxes = ndimage.find_objects(targets.labels)
+        self.boxes = scipy.ndimage.find_objects(targets.labels)
         # The rim below the threshold belongs to the block beside it: there its edge is, to a part of a pixel.
         self.labels = _grown(targets.labels)
 

@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from roadblock.stages.bands.settings import BandsSettings
 
@@ -122,7 +122,7 @@ def background(gray: NDArray[np.float32], settings: BandsSettings) -> NDArray[np
     """
     if settings.background == "local":
         step = max(1, gray.shape[1] // 128)
-        wide = ndimage.median_filter(gray[:, ::step], (1, 64), mode="nearest")
+        wide = scipy.ndimage.median_filter(gray[:, ::step], (1, 64), mode="nearest")
         return np.repeat(wide, step, axis=1)[:, : gray.shape[1]]
     road = near_road(gray)
     middle = float(np.median(road))
@@ -166,9 +166,9 @@ def separate(mask: Mask, settings: BandsSettings) -> Labels:
     -------
     (height, width) numbers from 1, left to right and top to bottom by block; 0 = none.
     """
-    blocks, _ = ndimage.label(mask, np.ones((3, 3)))
+    blocks, _ = scipy.ndimage.label(mask, np.ones((3, 3)))
     labels, count = np.zeros(mask.shape, np.int32), 0
-    for number, box in enumerate(ndimage.find_objects(blocks), 1):
+    for number, box in enumerate(scipy.ndimage.find_objects(blocks), 1):
         block = blocks[box] == number
         for part in _parts(block, settings):
             if part.sum() >= settings.area_px:
@@ -206,9 +206,9 @@ def watershed(block: Mask) -> list[Mask]:
     """Cut a block where it is thin: watershed of its distance transform from its thick places."""
     padded = np.pad(block, 1).astype(np.uint8)
     depth = cv2.distanceTransform(padded, cv2.DIST_L2, 5)
-    markers, count = ndimage.label(depth > PEAK_SHARE * depth.max())
+    markers, count = scipy.ndimage.label(depth > PEAK_SHARE * depth.max())
     height = np.round(255 * (1 - depth / depth.max())).astype(np.uint8)
-    flooded = ndimage.watershed_ift(height, markers.astype(np.int32))[1:-1, 1:-1]
+    flooded = scipy.ndimage.watershed_ift(height, markers.astype(np.int32))[1:-1, 1:-1]
     return [block & (flooded == number) for number in range(1, count + 1)]
 
 

@@ -7,8 +7,8 @@ import math
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from roadblock.errors import ValueRefusedError
 from roadblock.stages.mono.ranging import (
@@ -65,7 +65,7 @@ def outline_area(mask: NDArray[np.bool_]) -> tuple[float, float, float]:
         If the mask is empty.
     """
     _refuse_empty(mask)
-    filled = np.asarray(ndimage.binary_fill_holes(mask))
+    filled = np.asarray(scipy.ndimage.binary_fill_holes(mask))
     outlines, _ = cv2.findContours(filled.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     columns = np.flatnonzero(filled.any(0))
     length = sum(cv2.arcLength(outline, True) for outline in outlines)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from roadblock.stages.mono.ranging import road_range
 from roadblock.stages.mono.settings import MonoSettings
@@ -179,13 +179,13 @@ def find_outlines(
             masks[whole] |= mask
         elif mask.any():
             masks.append(mask)
-        taken |= ndimage.binary_dilation(mask, iterations=3)
+        taken |= scipy.ndimage.binary_dilation(mask, iterations=3)
     return tuple(masks)
 
 
 def _whole(mask: Mask, nearer: list[Mask]) -> int | None:
     """Return the nearer thing that a mask is a small part of (a hand beside a sleeve), or None."""
-    grown = ndimage.binary_dilation(mask, iterations=5)
+    grown = scipy.ndimage.binary_dilation(mask, iterations=5)
     touching = (i for i, other in enumerate(nearer) if (grown & other).any() and mask.sum() < PART * other.sum())
     return next(touching, None)
 
@@ -231,7 +231,7 @@ def _cut_out(
     window = (slice(top, b1), slice(a0, a1))
     mask = np.zeros_like(looks.is_road)
     mask[window] = _grab_cut(image[window], state[window])
-    labels, _ = ndimage.label(mask)
+    labels, _ = scipy.ndimage.label(mask)
     own = np.unique(labels[runs.end[group] - 1, runs.u[group]])
     return np.isin(labels, own[own > 0])
 

@@ -6,8 +6,7 @@ Pinhole algebra of the rectified left camera: a ray is r = ((u - cx) / f, (v - c
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.spatial import ConvexHull
+import scipy
 
 from roadblock.errors import ValueRefusedError
 from roadblock.stages.mono.settings import Build
@@ -139,7 +138,7 @@ def range_from_area(
     near = _nearest_whole(u_px, build, rectification, ground, yaw_rad)
     if not excess(near) > 0 > excess(FARTHEST_M):
         return float("nan")
-    return float(brentq(excess, near, FARTHEST_M, xtol=1e-9))
+    return float(scipy.optimize.brentq(excess, near, FARTHEST_M, xtol=1e-9))
 
 
 def area_sensitivity(
@@ -215,7 +214,7 @@ def _silhouette(
     depth = corners[:, 2:]
     pixels = r.f_px * corners[:, :2] / depth
     moves = (r.f_px * turns[..., :2] - pixels * turns[..., 2:]) / depth
-    order = ConvexHull(pixels).vertices
+    order = scipy.spatial.ConvexHull(pixels).vertices
     p, dp = pixels[order], moves[:, order]
     after, before = np.roll(p, -1, 0), np.roll(p, 1, 0)
     area = 0.5 * float(np.sum(p[:, 0] * after[:, 1] - p[:, 1] * after[:, 0]))
