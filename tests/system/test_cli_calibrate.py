@@ -268,9 +268,7 @@ def test_real_sets(roadblock, work: Path, data_dir: Path, name: str) -> None:
     """Nobody said how large the squares of `opencv` are: its published baseline is 3.343 of them."""
     folder = data_dir / "calibration" / name
     board, square = REAL[name]
-    started_s = time.process_time()
     ran = roadblock("calibrate", f"{folder}/left*.jpg", f"{folder}/right*.jpg", "--board", board, "--square", square)
-    assert time.process_time() - started_s < 60  # of one core
     assert ran.code == 0, ran.err
     found = record()
     if name == "bumblebee2":

@@ -82,7 +82,7 @@ def test_run_json_says_what_made_the_results(roadblock, recording: Path) -> None
         "warnings": [],
     }
     assert (run["settings"]["segment"]["reach_m"], run["settings"]["match"]["matcher"]) == (30, "bm")
-    assert run["settings"]["detector"] == "dense"
+    assert run["settings"]["detector"] == "cells"
     assert run["rig"]["left"]["size_px"] == [480, 270]
     assert run["rig"]["T_left_right"][0][3] == 0.205
     assert run["started"] < run["finished"]

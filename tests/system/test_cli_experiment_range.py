@@ -23,7 +23,7 @@ def test_a_real_run_at_one_range(tmp_path, monkeypatch):
     assert done.exit_code == 0, done.output
     result = json.loads((tmp_path / "result.json").read_text("utf-8"))
     assert all(set(row) == PROMISED for row in result["rows"])
-    assert {"refined_mean", "refined_nearest", "sgbm_exact", "bm_exact", "dense"} == {
+    assert {"refined_mean", "refined_nearest", "sgbm_exact", "bm_exact", "cells"} == {
         row["detector"] for row in result["rows"]
     }
     assert result["anees"] > 0

@@ -97,7 +97,7 @@ def test_obstacles_of_a_mounted_rig_stand_on_the_road(roadblock, work: Path, dri
         x, y, z = a["position_m"]
         np.testing.assert_allclose(b["position_m"], (T @ [-y, -z, x, 1])[:3], rtol=0, atol=3e-4)
         assert b["position_m"][2] == pytest.approx(0.0, abs=0.05)
-        assert abs(a["position_m"][2]) > 1.0
+        assert abs(a["position_m"][2]) > 0.9  # unmounted, heights count from the cameras
 
 
 def test_one_picture_tells_no_yaw_and_no_sigma(roadblock, work: Path, picture: Path) -> None:

@@ -21,7 +21,7 @@ CELL_PX = 4
 
 
 # Matching one way, the default, is good to a step of OpenCV's sixteenth of a pixel: more than these limits.
-BOTH_WAYS = load_settings(None, ["match.both_ways=true"])
+BOTH_WAYS = load_settings(None, ["detector=dense", "match.both_ways=true"])
 
 
 def rig(cx_px=CX_PX, scale=1.0):

@@ -52,7 +52,7 @@ def test_of_a_pair_with_half_images_the_right_one_is_never_made(name: str) -> No
     def refuse() -> Image:
         raise AssertionError("the full right image was asked for")
 
-    pair = RectifiedPair.deferred(lambda: left, refuse, (halve(left), halve(right)), TWIN)
+    pair = RectifiedPair.deferred(lambda window: left[window], refuse, (halve(left), halve(right)), TWIN)
     found = make_detector(settings(name))(pair)
     is_wall(found, CELL_WIDTH_PX[name])
     full = make_detector(settings(name))(RectifiedPair(left, right, TWIN))
