@@ -178,7 +178,7 @@ def draw_plane(
     fb, near, side, _ = scales
     rays = np.empty((4, n), np.float32)
     near_points = np.empty((n, 4))
-    m = 0
+    m = np.int64(0)  # for a plain 0, `support` and `fit_plane` would be compiled a second time
     for i in range(n):
         x, y, z, d = points[i]
         if z < near:
