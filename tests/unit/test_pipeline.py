@@ -76,7 +76,7 @@ def test_all_six_are_found_where_they_stand(street: Rendered, step: tuple[FrameR
         assert abs(obstacle.range_m - true.range_m) < 3 * obstacle.range_sigma_m
         assert obstacle.range_m == pytest.approx(true.range_m, rel=0.04)
         assert obstacle.position_m[0] == pytest.approx(obstacle.range_m)
-        assert obstacle.position_m[1] == pytest.approx(true.position_m[1], abs=0.2)  # edges: to about four cells
+        assert obstacle.position_m[1] == pytest.approx(true.position_m[1], abs=0.25)  # edges: to about four cells
         assert obstacle.position_m[2] == pytest.approx(true.position_m[2], abs=0.12)
         assert obstacle.size_m[1] == pytest.approx(true.size_m[1], rel=0.12)
         assert obstacle.label == "unknown"
