@@ -14,6 +14,7 @@ from roadblock.errors import SettingsError
 from roadblock.stages.bands import BandsSettings
 from roadblock.stages.ground import GroundSettings
 from roadblock.stages.health import HealthSettings
+from roadblock.stages.low import LowSettings
 from roadblock.stages.match import MatchSettings
 from roadblock.stages.match.cells import CellSettings
 from roadblock.stages.mono import MonoSettings
@@ -33,6 +34,7 @@ class Settings(BaseModel):
     cells: CellSettings = CellSettings()
     ground: GroundSettings = GroundSettings()
     segment: SegmentSettings = SegmentSettings()
+    low: LowSettings = LowSettings()
     refine: RefineSettings = RefineSettings()
     bands: BandsSettings = BandsSettings()
     mono: MonoSettings = MonoSettings()

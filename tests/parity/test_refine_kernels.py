@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from roadblock.kernels import refine_compiled, refine_reference
-from roadblock.kernels.refine_reference import FIGURES, Model, interpolation
+from roadblock.kernels.compiled import refine as refine_compiled
+from roadblock.kernels.reference import refine as refine_reference
+from roadblock.kernels.reference.refine import FIGURES, Model, interpolation
 
 MODEL = Model(300.0, 60.0, 1.5, 0.97)
 

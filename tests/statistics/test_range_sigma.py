@@ -1,8 +1,9 @@
-"""The stated sigma of a range against the errors made on simulated streets."""
+"""The stated sigma of a range, as detected, against the errors made on simulated streets."""
 
 import numpy as np
 import pytest
 
+from roadblock.config import load_settings
 from roadblock.geometry.pose import pose
 from roadblock.pipeline import Pipeline
 from roadblock.sim.render import Rendered, render
@@ -48,7 +49,7 @@ def errors(rendered: Rendered, obstacles: tuple[Obstacle, ...]) -> list[tuple[fl
 @pytest.fixture(scope="module")
 def measured() -> np.ndarray:
     """Return (n, 3): true range, error, stated sigma."""
-    pipeline = Pipeline(RIG)
+    pipeline = Pipeline(RIG, load_settings())
     rows = []
     for seed in SEEDS:
         rng = np.random.default_rng(seed)

@@ -120,10 +120,9 @@ def test_a_refused_rig_is_written_by_force_only(roadblock, shots: Path, made_up,
     assert "calibration: refused" in ran.out
     if force:
         assert (ran.code, names()) == (0, FILES)
-        text = Path("calibration/rig.yaml").read_text()
-        assert text.startswith("# REFUSED, written by force")
-        assert "# The range error at 20 m is above 1 %." in text
-        assert read_rig("calibration/rig.yaml").covariance is not None
+        rig = read_rig("calibration/rig.yaml")
+        assert (rig.verdict, rig.covariance is not None) == ("refused", True)
+        assert "REFUSED" in roadblock("rig", "show", "calibration/rig.yaml").out
         assert "REFUSED, written by force" in ran.out
     else:
         assert (ran.code, names()) == (2, FILES - {"rig.yaml"})

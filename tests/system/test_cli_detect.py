@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -19,6 +20,8 @@ import roadblock as package
 from roadblock.cli import main
 from roadblock.errors import OutputError
 from roadblock.io.results import JsonlSink, read_results
+from roadblock.io.rig import read_rig, write_rig
+from roadblock.values.camera import RigCovariance, rig_parameters
 from roadblock.viz.sinks import VideoSink
 
 COMMAND_LINE = "from roadblock.cli import main; main()"
@@ -196,6 +199,16 @@ def test_the_rig_may_lie_elsewhere_in_other_units_and_without_a_size(roadblock, 
     rig = run_record(Path("results"))["rig"]
     assert rig["T_left_right"][0][3] == pytest.approx(0.205, abs=1e-12)
     assert rig["left"]["size_px"] == [480, 270]
+
+
+def test_a_rig_written_by_force_is_named(roadblock, recording: Path) -> None:
+    path = recording / "rig.yaml"
+    rig = read_rig(path)
+    names = rig_parameters(rig.left, rig.right)
+    sure = RigCovariance(names, np.zeros((len(names), len(names))))
+    for verdict, said in (("usable", False), ("refused", True)):
+        write_rig(replace(rig, covariance=sure, verdict=verdict), path)
+        assert ("do not trust these ranges" in roadblock("detect", recording).err) == said
 
 
 def test_frames_of_several_rigs_are_measured_each_with_its_own(roadblock, recording: Path) -> None:

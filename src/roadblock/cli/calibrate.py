@@ -6,7 +6,7 @@ import re
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,8 +21,6 @@ from roadblock.errors import CalibrationError, MissingExtraError, OutputError, S
 from roadblock.io.boards import BoardImages, BoardShot, open_board_images
 from roadblock.io.calibration import baseline_sigma_m, calibration_record, write_calibration
 from roadblock.io.rig import write_rig
-from roadblock.io.rig.files import write_whole
-from roadblock.io.rig.native import write_native
 from roadblock.stages.calibrate.advise import explain_missing
 from roadblock.stages.calibrate.board import parse_board
 from roadblock.stages.calibrate.calibrate import calibrate
@@ -255,11 +253,8 @@ def write_results(result: Calibration, record: dict[str, Any], out: Path, target
         write_calibration_page(out / PAGE, result, record)
     except MissingExtraError as error:
         note(str(error))
-    if result.verdict != "refused":
-        write_rig(result.rig, target)
-    elif force:
-        lines = ["# REFUSED, written by force: do not trust its ranges.", *(f"# {reason}" for reason in result.reasons)]
-        write_whole({target: "\n".join([*lines, write_native(result.rig)[""]])})
+    if result.verdict != "refused" or force:
+        write_rig(replace(result.rig, verdict=result.verdict), target)
     elif target == out / RIG:
         target.unlink(missing_ok=True)  # of an earlier run: it would pass for this one's
 

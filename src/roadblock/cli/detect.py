@@ -113,6 +113,8 @@ def report(source: StereoSource, tally: Tally, out: Path | None) -> None:
         say(f"{source.name}: no obstacles in {frames(tally.frames)}")
     for reason, count in tally.troubles.most_common():
         note(f"{reason} ({count} of {frames(tally.frames)})")
+    if any(rig.verdict == "refused" for rig in source.rigs or (source.rig,)):
+        note("the rig's calibration was refused and the file written by force: do not trust these ranges")
     for warning in source.warnings:
         note(warning)
     if tally.interrupted:

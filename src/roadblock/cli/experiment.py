@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import roadblock
 from roadblock.cli.detect import INTERRUPTED, rig_record
+from roadblock.cli.experiment_range import range_experiment
 from roadblock.cli.rig import FormatOption, SizeOption, UnitOption, open_rig
 from roadblock.cli.terminal import note, progress_bar, say, show_table
 from roadblock.config import make_settings
@@ -65,6 +66,9 @@ experiment_app = typer.Typer(help="Repeat the paper's experiment in the simulate
 @experiment_app.callback()
 def _experiment() -> None:
     """Repeat the paper's experiment in the simulated world."""
+
+
+experiment_app.command("range")(range_experiment)
 
 
 @experiment_app.command("table2")

@@ -8,6 +8,7 @@ import numpy as np
 from roadblock.config import Settings
 from roadblock.kernels.gray import gray8, halve
 from roadblock.stages.ground import fit_ground
+from roadblock.stages.low import LowFinder, drop_covered
 from roadblock.stages.match.cells import CellMatcher
 from roadblock.stages.segment import find_free_space, find_regions, lift
 from roadblock.values.frame import DisparityMap, RectifiedPair
@@ -19,7 +20,7 @@ FAST = {"cell_width_px": 8, "p1": 6, "p2": 28}
 
 def cells(settings: Settings) -> Callable[[RectifiedPair], Detections]:
     """Return the detector; its matcher's buffers live as long as it does."""
-    matcher = CellMatcher(settings.cells)
+    matcher, find_low = CellMatcher(settings.cells), LowFinder(settings.low)
 
     def detect(pair: RectifiedPair) -> Detections:
         clock = [perf_counter()]
@@ -33,6 +34,8 @@ def cells(settings: Settings) -> Callable[[RectifiedPair], Detections]:
         free_space = find_free_space(surface, ground, settings.segment)
         colors = pair.left_middles(disparity.cell_px, disparity.cell_height_px)
         regions = find_regions(surface, colors, ground, settings.segment)
+        if settings.low.enabled:
+            regions += drop_covered(find_low(pair, ground), regions)
         clock.append(perf_counter())
         spent_ms = (1e3 * np.diff(clock)).tolist()
         return Detections(

@@ -113,14 +113,15 @@ def draw(
     pattern: Pattern,
     slope: FloatArray,
     places: FloatArray,
+    reach_px: float,
     behind: NDArray[np.float32],
     light: NDArray[np.float32],
 ) -> None:
-    """Fill in the light (h, w), averaged over each pixel's area.
+    """Fill in the light (h, w), averaged over the rays of each pixel.
 
     `onto` is where the rays of the pixels and one more on each side meet the board; between them a parabola is
-    followed. `places` (h, n, 2) are the rays inside a pixel; `slope` is how much brighter the board gets over half its
-    size.
+    followed. `places` (h, n, 2) are the rays of a pixel, `reach_px` how far off they lie at most; `slope` is how much
+    brighter the board gets over half its size.
     """
     for v in range(light.shape[0]):
         for u in range(light.shape[1]):
@@ -133,7 +134,7 @@ def draw(
             duu = around[1, 2] - 2 * around[1, 1] + around[1, 0]
             dvv = around[2, 1] - 2 * around[1, 1] + around[0, 1]
             duv = (around[2, 2] - around[2, 0] - around[0, 2] + around[0, 0]) / 4
-            reach = 0.6 * max(abs(du[0]) + abs(dv[0]), abs(du[1]) + abs(dv[1]))
+            reach = reach_px * max(abs(du[0]) + abs(dv[0]), abs(du[1]) + abs(dv[1]))
             lamp = (
                 1
                 + slope[0] * (2 * x / (pattern.width - 2 * RIM_SQUARES) - 1)

@@ -5,13 +5,13 @@ points, held in front of something that is no board.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
+from scipy.stats import norm, qmc
 
 from roadblock.errors import ValueRefusedError
 from roadblock.geometry.pose import inverse, pose, rotation_from_rotvec, transform
@@ -34,6 +34,15 @@ SAMPLES = 128
 
 SENSOR = Sensor(psf_px=0.45, full_well_e=7_700, read_noise=math.sqrt(2), gamma=2.2, color=False)
 """Blur of 0.45 px; noise of two grey levels at mid grey, half of its variance from reading, half from counting."""
+
+NARROW_PX = 1.0
+"""Up to this sigma the optics' blur is rendered by rays; a wider one is smooth enough to blur the pixels."""
+
+FARTHEST = 4.0
+"""Rays are spread over so many sigmas."""
+
+ROOM = 1.2
+"""A pixel meets an edge that lies within its farthest ray times this."""
 
 TILT_RAD = math.radians(45)
 """A board is turned away from the line of sight by up to this."""
@@ -154,14 +163,16 @@ def render_board(
     if not abs(bow_m) <= most:
         raise ValueRefusedError(f"bow_m must be a tenth of the board's width at most ({most:g} m), but got {bow_m:g}")
     slope = rng.uniform(-shade, shade, 2)
+    narrow_px = sensor.psf_px if sensor.psf_px <= NARROW_PX else 0.0
+    rest = replace(sensor, psf_px=0.0) if narrow_px else sensor
     images = []
     sides: tuple[tuple[Side, Camera, FloatArray], ...] = (
         ("left", rig.left, T_left_board),
         ("right", rig.right, inverse(rig.T_left_right) @ T_left_board),
     )
     for side, camera, T in sides:
-        light = _light(camera, board, T, _curvature(board, bow_m), slope, _behind(camera, rng), samples)
-        images.append(_taken(light, camera, sensor, side, rng))
+        light = _light(camera, board, T, _curvature(board, bow_m), slope, _behind(camera, rng), samples, narrow_px)
+        images.append(_taken(light, camera, rest, side, rng))
     return StereoPair(images[0], images[1], index, name)
 
 
@@ -253,6 +264,7 @@ def _light(
     slope: FloatArray,
     behind: Light,
     samples: int,
+    psf_px: float,
 ) -> Light:
     """Return (height, width) the light that reaches a camera from a board and from what is behind it."""
     width, height = camera.size_px
@@ -260,12 +272,26 @@ def _light(
     onto = np.empty((height + 2, width + 2, 2))
     meet(_rays(camera), eye, curvature, _middle(board), board.square_m, onto)
     light = np.empty((height, width), np.float32)
+    places = spread_places(sub_pixel_places(height, samples), psf_px)
     bits = _marker_bits(board)
     share = board.marker_share if board.kind == "charuco" else 1.0
     reach_x, reach_y = (float(round(size / board.square_m) + 2 * RIM_SQUARES) for size in board.size_m)
     pattern = Pattern(KINDS[board.kind], board.columns, board.rows, reach_x, reach_y, bits, share)
-    draw(onto, pattern, slope, sub_pixel_places(height, samples), behind, light)
+    draw(onto, pattern, slope, places, ROOM * float(np.abs(places).max(initial=0.5)), behind, light)
     return light
+
+
+def spread_places(places: FloatArray, psf_px: float) -> FloatArray:
+    """Return places -0.5..0.5 in a pixel spread as a Gaussian blur of that sigma and the pixel's area do together.
+
+    Optics blur before the pixels sample. A narrow blur of pixels afterwards depends on where in its pixel an edge lies:
+    at 0.45 px edges along rows or columns were off by up to 4 grey levels.
+    """
+    if psf_px == 0:
+        return places
+    t = np.linspace(-0.5 - FARTHEST * psf_px, 0.5 + FARTHEST * psf_px, 4001)
+    below = [x * norm.cdf(x / psf_px) + psf_px * norm.pdf(x / psf_px) for x in (t + 0.5, t - 0.5)]
+    return np.asarray(np.interp(places + 0.5, below[0] - below[1], t))
 
 
 def _behind(camera: Camera, rng: np.random.Generator) -> Light:

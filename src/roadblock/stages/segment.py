@@ -124,9 +124,7 @@ def find_free_space(surface: Surface, ground: GroundPlane | None, settings: Segm
     support = min(max(1, round(settings.free_area_px / (w * h))), rows * (2 * aside + 1))
     heights = np.array([*settings.free_height_m, ROAD_M])
     fb = r.f_px * r.baseline_m
-    kernels.measure_free(
-        disparity.d_px, surface.z_m, surface.height_m, fb, heights, support, aside, NEAREST_SHARE, range_m
-    )
+    kernels.measure_free(disparity.d_px, surface.height_m, fb, heights, support, aside, NEAREST_SHARE, range_m)
     hole = np.empty(columns)
     kernels.find_holes(surface.height_m, _road_ranges(surface, ground), h, settings.free_gap_m * r.f_px, hole)
     return FreeSpace(u_px, np.where(hole < range_m, np.where(hole > 0, hole, np.nan), range_m))
@@ -167,7 +165,8 @@ def find_regions(
     parent = np.empty(d_px.size, np.int32)
     limits = np.array([settings.reach_m, *settings.height_m])
     links = np.array([settings.link_m, settings.link_px])
-    kernels.link(d_px, surface.z_m, surface.height_m, limits, links, settings.gap_px // w, settings.gap_px // h, parent)
+    gaps = max(1, settings.gap_px // w), max(1, settings.gap_px // h)
+    kernels.link(d_px, surface.z_m, surface.height_m, limits, links, *gaps, parent)
     cells, bounds = np.empty(d_px.size, np.int32), np.empty(MOST_REGIONS + 1, np.int32)
     nearest = np.empty(MOST_REGIONS)
     found = kernels.gather_pieces(

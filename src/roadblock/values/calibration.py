@@ -1,16 +1,13 @@
 """What comes out of a calibration: the rig, how sure, and everything a person needs to judge it."""
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
 from roadblock.errors import ValueRefusedError
 from roadblock.values.board import Board
-from roadblock.values.camera import Camera, StereoRig
+from roadblock.values.camera import Camera, StereoRig, Verdict
 from roadblock.values.checks import FloatArray, numbers, rigid_transform
-
-Verdict = Literal["good", "usable", "refused"]
 
 RANGES_M = (5.0, 10.0, 20.0, 40.0)
 """Distances at which the range error caused by calibration is predicted."""

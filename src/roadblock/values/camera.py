@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from roadblock.errors import RigError, ValueRefusedError
 from roadblock.values.checks import FloatArray, finite, image_size, locked, positive, rigid_transform, rotation
 
+Verdict = Literal["good", "usable", "refused"]
+"""Of a calibration."""
+
 Lens = Literal["pinhole", "brown_conrady", "kannala_brandt"]
 COEFFICIENTS: dict[str, tuple[int, ...]] = {"pinhole": (0,), "brown_conrady": (5, 8), "kannala_brandt": (4,)}
 """How many distortion coefficients each lens model takes, in OpenCV's order
@@ -155,6 +158,8 @@ class StereoRig:
         then the vehicle frame is the car frame re-axed (x forward, y left, z up).
     covariance
         How sure the calibration is of it; None where nobody said.
+    verdict
+        What the calibration said of itself; a "refused" one was written by force. None where nobody said.
 
     Raises
     ------
@@ -162,7 +167,7 @@ class StereoRig:
         If the cameras are swapped, stand one above the other, differ in size, or the baseline cannot be
         one of a vehicle.
     ValueRefusedError
-        If a transform is no rigid transform, or the covariance one of other parameters.
+        If a transform is no rigid transform, the covariance one of other parameters, or the verdict none.
     """
 
     left: Camera
@@ -170,8 +175,13 @@ class StereoRig:
     T_left_right: FloatArray
     T_vehicle_car: FloatArray | None = None
     covariance: RigCovariance | None = None
+    verdict: Verdict | None = None
 
     def __post_init__(self) -> None:
+        if self.verdict is not None and self.verdict not in get_args(Verdict):
+            raise ValueRefusedError(
+                f"verdict must be one of {', '.join(get_args(Verdict))}, but got {self.verdict!r:.40}"
+            )
         if self.covariance is not None:
             _check_names(self.covariance.names, rig_parameters(self.left, self.right))
         T = rigid_transform("T_left_right", self.T_left_right)

@@ -17,7 +17,9 @@ from roadblock.sim.boards import (
     bowed_points,
     calibration_poses,
     render_board,
+    spread_places,
 )
+from roadblock.sim.render import sub_pixel_places
 from roadblock.sim.sensor import Sensor
 from roadblock.values.board import Board
 from roadblock.values.camera import Camera, StereoRig
@@ -239,3 +241,13 @@ def test_what_cannot_be_is_refused(change, word) -> None:
     arguments = {"T_left_board": held(CHESS, *TILTED)} | change
     with pytest.raises(ValueRefusedError, match=word):
         render_board(RIG, CHESS, rng=rng(), **arguments)
+
+
+def test_rays_are_spread_as_blur_and_pixel_together():
+    """Variances add, and so do fourth cumulants: 0 of a Gaussian, -1/120 of a pixel."""
+    places = sub_pixel_places(8, 4096)
+    assert spread_places(places, 0.0) is places
+    spread = spread_places(places, 0.45)
+    variance = 0.45**2 + 1 / 12
+    assert spread.var() == pytest.approx(variance, rel=0.005)
+    assert (spread**4).mean() == pytest.approx(3 * variance**2 - 1 / 120, rel=0.02)

@@ -88,6 +88,21 @@ def test_the_first_corner_is_told_by_colour_so_a_turned_board_keeps_its_numbers(
     np.testing.assert_allclose(back, upright.points_px[np.argsort(upright.ids)], atol=0.02)
 
 
+def test_a_grid_that_is_no_chessboard_is_not_taken_for_one(monkeypatch):
+    """What OpenCV takes for corners: true ones, half a square beside them, and one column much too near to the next."""
+    image, grid = picture(np.random.default_rng(4)), EXACT.reshape(6, 7, 2)
+    beside, crowded = grid.copy(), grid.copy()
+    beside[:, :-1] = (grid[:, 1:] + grid[:, :-1]) / 2
+    beside[:, -1] = 1.5 * grid[:, -1] - 0.5 * grid[:, -2]
+    crowded[:, 3] = 0.3 * grid[:, 3] + 0.7 * grid[:, 4]
+    found = []
+    for corners in (grid, beside, crowded):
+        told = True, corners.reshape(-1, 1, 2).astype(np.float32)
+        monkeypatch.setattr(cv2, "findChessboardCornersSB", lambda *_, told=told, **__: told)
+        found.append(find_board(image, BOARD) is not None)
+    assert found == [True, False, False]
+
+
 def test_colour_pictures_are_read_by_their_luminance():
     image = picture(np.random.default_rng(5))
     seen = find_board(np.repeat(image[..., None], 3, -1), BOARD)

@@ -7,6 +7,7 @@ from pydantic import ValidationError
 
 from roadblock.errors import RigError, SettingsError, SourceError
 from roadblock.geometry.pose import pose, rotation_from_rotvec
+from roadblock.kernels.gray import gray8
 from roadblock.stages.rectify import RectifySettings, plan_rectification, rectify
 from roadblock.values.camera import Camera, Rectification, StereoRig
 from roadblock.values.frame import StereoPair
@@ -103,6 +104,7 @@ def test_a_rectified_rig_keeps_its_images_as_they_are() -> None:
     assert np.shares_memory(out.left, pair.left)
     assert np.shares_memory(out.right, pair.right)
     np.testing.assert_array_equal(out.left, pair.left)
+    assert out.half is None
     assert (out.index, out.name, out.t_ns) == (7, "seven", 123)
     assert out.rectification is r
 
@@ -209,6 +211,61 @@ def test_what_no_camera_saw_is_black() -> None:
     assert out.left[0, 0] == 0
     assert out.right[-1, -1] == 0
     assert out.left[60, 75] == 255
+
+
+@pytest.mark.parametrize("channels", [(), (3,)], ids=["grey", "rgb"])
+@pytest.mark.parametrize("rig", [brown_rig(), fisheye_rig()], ids=["brown_conrady", "kannala_brandt"])
+def test_half_images_are_the_means_of_four_full_pixels(rig: StereoRig, channels: tuple[int, ...]) -> None:
+    """To two grey levels of a smooth picture."""
+    r = plan_rectification(rig)
+    v, u = np.mgrid[: SIZE[1], : SIZE[0]]
+    left, right = (np.rint(128 + 90 * np.sin(u / 9 + k) * np.cos(v / 11)).astype(np.uint8) for k in (0, 1))
+    if channels:
+        left, right = (np.stack([image, 255 - image, image], -1) for image in (left, right))
+    out = rectify(StereoPair(left, right), r, SIZE)
+    assert out.half is not None
+    rows, columns = r.size_px[1] // 2, r.size_px[0] // 2
+    for half, full in zip(out.half, gray8(out.left, out.right), strict=True):
+        assert half.dtype == np.uint8
+        assert half.flags.c_contiguous
+        means = full[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2).mean((1, 3))
+        seen = full[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2).min((1, 3)) > 0
+        assert seen.mean() > 0.9
+        assert np.abs(half - means)[seen].max() <= 2
+
+
+def test_half_images_of_sixteen_bits_have_eight_and_one_scale() -> None:
+    r = plan_rectification(brown_rig())
+    ramp = np.tile(np.arange(SIZE[0], dtype=np.uint16) * 100 + 9000, (SIZE[1], 1))
+    out = rectify(StereoPair(ramp, ramp + np.uint16(1000)), r, SIZE)
+    assert out.half is not None
+    assert out.left.dtype == np.uint16
+    assert out.half[0].dtype == out.half[1].dtype == np.uint8
+    scale = 255 / 9600  # of a ramp of 96 columns
+    assert r.half_maps is not None
+    for half, maps, more in ((out.half[0], r.half_maps[:2], 0), (out.half[1], r.half_maps[2:], 1000)):
+        expected = (maps[0] * 100 + more) * scale
+        inside = (maps[0] > 0) & (maps[1] > 0) & (maps[1] < SIZE[1] - 1) & (expected > 3) & (expected < 252)
+        np.testing.assert_allclose(half[inside], expected[inside], atol=2)
+
+
+def test_full_images_are_resampled_when_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[tuple[int, ...]] = []
+    remap = cv2.remap
+
+    def counted(image: np.ndarray, *maps: np.ndarray | int) -> np.ndarray:
+        sizes.append(np.asarray(maps[0]).shape)
+        return remap(image, *maps)  # type: ignore[call-overload, no-any-return]
+
+    monkeypatch.setattr(cv2, "remap", counted)
+    r = plan_rectification(brown_rig())
+    full, half = r.size_px[::-1], (r.size_px[1] // 2, r.size_px[0] // 2)
+    out = rectify(pictures(), r, SIZE)
+    assert sizes == [half, half]
+    assert out.left is out.left
+    assert sizes == [half, half, full]
+    assert out.right is out.right
+    assert sizes == [half, half, full, full]
 
 
 @pytest.mark.parametrize("rig", [brown_rig(), rectified_rig()], ids=["resampled", "as it is"])

@@ -293,6 +293,15 @@ def test_small_holes_are_bridged() -> None:
     assert len(regions_of(striped(5), SegmentSettings(gap_px=24))) == 1
 
 
+@pytest.mark.parametrize("gap_px", [1, 3, 7])
+def test_direct_neighbours_belong_together_though_cells_are_larger_than_the_gap(gap_px: int) -> None:
+    d = np.full((5, 9), 12.0, np.float32)
+    for cell in ((4, 4), (8, 4), (64, 64)):
+        surface = lift(DisparityMap(d, 0.5, *cell), TWIN, None)
+        (region,) = find_regions(surface, GREY, None, SegmentSettings(gap_px=gap_px, area_px=0))
+        assert len(region.surface_uvd_px) == d.size
+
+
 def test_neighbours_of_like_disparity_belong_together_though_metres_apart() -> None:
     """Two halves at 30 and 32 m differ by 0.2 px."""
     halves = (Board(30.0, -3.0, 0.0, 3.0), Board(32.0, -0.1, 3.0, 3.0))

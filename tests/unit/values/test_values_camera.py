@@ -270,3 +270,26 @@ def test_rectification_copies_its_rotations_and_locks_its_maps() -> None:
 def test_rectification_refuses(change: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueRefusedError, match=words):
         rectification(**change)
+
+
+def test_half_maps_sample_between_four_pixels() -> None:
+    v, u = np.mgrid[:61, :97].astype(np.float32)
+    left, right = (u * 1.5 + 2, v - 3), (v * v, u + v)
+    value = rectification(maps_left=left, maps_right=right)
+    assert value.half_maps is not None
+    # Pixel (u, v) of the half image sits on (2u + 0.5, 2v + 0.5) of the full one; the last odd row and column go.
+    y, x = np.mgrid[:30, :48]
+    np.testing.assert_allclose(value.half_maps[0], (2 * x + 0.5) * 1.5 + 2)
+    np.testing.assert_allclose(value.half_maps[1], 2 * y + 0.5 - 3)
+    np.testing.assert_allclose(value.half_maps[2], ((2 * y) ** 2 + (2 * y + 1) ** 2) / 2)
+    np.testing.assert_allclose(value.half_maps[3], 2 * x + 2 * y + 1)
+    for array in value.half_maps:
+        assert array.dtype == np.float32
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 1
+
+
+def test_without_both_maps_there_are_no_half_ones() -> None:
+    maps = (np.zeros((61, 97), np.float32),) * 2
+    for value in (rectification(), rectification(maps_left=maps), rectification(maps_right=maps)):
+        assert value.half_maps is None

@@ -1,6 +1,7 @@
 """StereoPair, RectifiedPair, DisparityMap: what they hold and what they refuse."""
 
 from dataclasses import FrozenInstanceError
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from roadblock.errors import ValueRefusedError
 from roadblock.values.camera import Rectification
-from roadblock.values.frame import DisparityMap, RectifiedPair, StereoPair
+from roadblock.values.frame import DisparityMap, RectifiedPair, StereoPair, Window
 
 TWIN = Rectification(83.0, 41.7, 34.2, 0.2, (97, 61))
 
@@ -56,6 +57,35 @@ def test_a_rectified_pair_has_its_rig_s_size() -> None:
         RectifiedPair(image, image, TWIN)
 
 
+def test_a_pair_made_of_full_images_has_no_half_ones() -> None:
+    image = np.zeros((61, 97), np.uint8)
+    assert RectifiedPair(image, image, TWIN).half is None
+
+
+def test_a_deferred_pair_makes_its_full_images_once_and_when_looked_at() -> None:
+    half = np.zeros((30, 48), np.uint8), np.ones((30, 48), np.uint8)
+    mine = {"left": np.full((61, 97, 3), 3, np.uint8), "right": np.full((61, 97, 3), 4, np.uint8)}
+    made: list[str] = []
+
+    def make(side: str, window: Window) -> np.ndarray:
+        made.append(side)
+        return mine[side][window]
+
+    pair = RectifiedPair.deferred(partial(make, "left"), partial(make, "right"), half, TWIN, 4, "000004", 123)
+    assert (pair.index, pair.name, pair.t_ns, pair.rectification) == (4, "000004", 123, TWIN)
+    assert pair.half == half
+    assert made == []
+    assert pair.right is pair.right
+    assert made == ["right"]
+    assert pair.left is pair.left
+    assert made == ["right", "left"]
+    for side, image in (("left", pair.left), ("right", pair.right)):
+        np.testing.assert_array_equal(image, mine[side])
+        with pytest.raises(ValueError, match="read-only"):
+            image[0, 0] = 1
+        mine[side][0, 0] = 1  # the caller's own array stays writable
+
+
 def test_disparity_map_is_read_only_and_keeps_unknown() -> None:
     mine = np.array([[1.5, np.nan]], np.float32)
     value = DisparityMap(mine, 0.4, 4)
@@ -73,6 +103,23 @@ def test_cells_are_centred_between_their_pixels() -> None:
     np.testing.assert_array_equal(coarse[1], [[1.5, 5.5, 4], [5.5, 5.5, np.nan], [9.5, 5.5, 6]])
     dense = DisparityMap(d_px, 0.4).uvd_px
     np.testing.assert_array_equal(dense[0], [[0, 0, 1], [1, 0, 2], [2, 0, 3]])
+
+
+def test_cells_may_be_wider_than_high() -> None:
+    d_px = np.array([[1, 2, 3], [4, np.nan, 6]], np.float32)
+    wide = DisparityMap(d_px, 0.4, cell_px=8, cell_height_px=4)
+    # Columns 0 .. 7 and rows 0 .. 3: the first centre is (3.5, 1.5), the last (19.5, 5.5).
+    np.testing.assert_array_equal(wide.uvd_px[1], [[3.5, 5.5, 4], [11.5, 5.5, np.nan], [19.5, 5.5, 6]])
+    np.testing.assert_array_equal(wide.uvd_px[0, 0], [3.5, 1.5, 1])
+    assert (wide.cell_px, wide.cell_height_px) == (8, 4)
+    assert DisparityMap(d_px, 0.4, 8).cell_height_px == 8
+    assert DisparityMap(d_px, 0.4).cell_height_px == 1
+
+
+@pytest.mark.parametrize("cell_height_px", [-4, 0.5, 2.5, np.nan, np.inf])
+def test_a_cell_of_no_whole_height_is_refused(cell_height_px: Any) -> None:
+    with pytest.raises(ValueRefusedError, match="cell_height_px must be a whole number >= 1, but got"):
+        DisparityMap(np.zeros((2, 2), np.float32), 0.4, 8, cell_height_px)
 
 
 def test_true_disparities_have_no_noise() -> None:

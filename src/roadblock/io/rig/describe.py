@@ -10,6 +10,11 @@ from roadblock.values.camera import Camera, StereoRig
 
 RANGES_M = (10.0, 20.0, 40.0)
 STEP_PX = 0.1
+VERDICTS = {
+    "good": "good",
+    "usable": "usable, with reservations",
+    "refused": "REFUSED, written by force: do not trust its ranges",
+}
 
 
 def describe_rig(rig: StereoRig) -> list[tuple[str, str]]:
@@ -58,9 +63,9 @@ def _camera_rows(camera: Camera) -> list[tuple[str, str]]:
 
 
 def _calibration_rows(rig: StereoRig) -> list[tuple[str, str]]:
+    rows = [("calibration", VERDICTS[rig.verdict])] if rig.verdict else []
     if rig.covariance is None:
-        return [("range error from calibration", "unknown: the file holds no covariance")]
-    rows = []
+        return [*rows, ("range error from calibration", "unknown: the file holds no covariance")]
     for distance_m in CALIBRATION_RANGES_M:
         sigma_m = range_sigma(rig, distance_m)
         known = sigma_m[np.isfinite(sigma_m)]

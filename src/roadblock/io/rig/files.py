@@ -101,6 +101,8 @@ def parse_yaml(text: str) -> dict[str, Any]:
         mark = getattr(error, "problem_mark", None)
         where = f" at line {mark.line + 1}" if mark else ""
         what = getattr(error, "problem", None) or str(error).splitlines()[0]
+        if "nesting depth" in what:  # the parser's own limit, in recent versions
+            raise RigError(f"is nested deeper than {MAX_DEPTH} levels{where}: this is no rig file") from error
         raise RigError(f"is not valid YAML: {what}{where} (truncated?)") from error
     if not isinstance(document, dict):
         raise RigError(f"must hold names with values, but holds {_kind(document)}")

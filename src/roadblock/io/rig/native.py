@@ -19,8 +19,9 @@ VERSION = 1
 _RIG_KEYS = ("roadblock_rig", "left", "right", "T_left_right", "T_vehicle_car", "calibration")
 _CAMERA_KEYS = ("size_px", "fx_px", "fy_px", "cx_px", "cy_px", "lens", "distortion")
 _POSE_KEYS = ("R", "t_m")
-_CALIBRATION_KEYS = ("covariance", "range_sigma_m")
+_CALIBRATION_KEYS = ("verdict", "covariance", "range_sigma_m")
 _COVARIANCE_KEYS = ("names", "matrix")
+FORCED = " # written by force: do not trust its ranges"
 _LENGTHS = POSE_PARAMETERS[3:]
 
 
@@ -50,12 +51,14 @@ def read_native(texts: tuple[str, ...], asked: Asked) -> StereoRig:
     _known(document, _RIG_KEYS, "")
     cameras = [_camera(section(document, side), f"{side}.") for side in ("left", "right")]
     mounting = document.get("T_vehicle_car")
+    calibration = section(document, "calibration") if "calibration" in document else None
     return StereoRig(
         cameras[0],
         cameras[1],
         _pose("T_left_right", entry(document, "T_left_right"), asked.unit_m),
         T_vehicle_car=None if mounting is None else _pose("T_vehicle_car", mounting, asked.unit_m),
-        covariance=_covariance(section(document, "calibration"), asked.unit_m) if "calibration" in document else None,
+        covariance=None if calibration is None else _covariance(calibration, asked.unit_m),
+        verdict=None if calibration is None else calibration.get("verdict"),
     )
 
 
@@ -120,9 +123,11 @@ def write_native(rig: StereoRig) -> dict[str, str]:
 
 
 def _calibration(rig: StereoRig, covariance: RigCovariance) -> list[str]:
+    verdict = [] if rig.verdict is None else [f"  verdict: {rig.verdict}{FORCED * (rig.verdict == 'refused')}"]
     lines = [
         "# How sure it is: covariance of the parameters in their units, R_left_right <- exp([r]) R_left_right.",
         "calibration:",
+        *verdict,
         "  covariance:",
         f"    names: [{', '.join(covariance.names)}]",
         "    matrix:",

@@ -8,9 +8,27 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.kernels.reference.road import BIN_POINTS, GROWTH, POLISHED
-
-Floats = NDArray[np.float64]
+from roadblock.kernels.reference.road import (
+    ASIDE,
+    BIN_POINTS,
+    GROWTH,
+    HOLD,
+    HOLE,
+    HOLE_PRICE,
+    INCREMENT,
+    LEAST_PIVOT,
+    LEAST_POINTS,
+    LEAST_SPAN,
+    MULTIPLIER,
+    POINT,
+    POLISHED,
+    POLISHES,
+    RANGE_SHARE,
+    SLACK,
+    SLACK_PER_M,
+    TOLERANCES,
+    Floats,
+)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -57,7 +75,7 @@ def gather_candidates(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def is_allowed(h, s, t, limits):  # type: ignore[no-untyped-def]
-    """Whether a plane (h, s, t) lies within (low, high, slope of pitch, slope of roll)."""
+    """See `reference.road.is_allowed`."""
     return h > limits[0] and h < limits[1] and abs(s) < limits[2] and abs(t) < limits[3]
 
 
@@ -66,18 +84,18 @@ def support(rays: NDArray[np.float32], n: int, plane: Floats, fb: float, toleran
     """See `reference.road.support`."""
     c = np.float32(fb / plane[0])
     s, t = np.float32(plane[1]), np.float32(plane[2])
-    near, below = np.float32(tolerance_px), np.float32(-3 * tolerance_px)
+    near, below = np.float32(tolerance_px), np.float32(-HOLE * tolerance_px)
     score = np.int64(0)
     for i in range(n):
         nearer = rays[3, i] - (rays[1, i] - s - t * rays[0, i]) * c
         weight = np.int32(rays[2, i])
-        score += (abs(nearer) < near) * weight - 2 * (nearer < below) * weight
+        score += (abs(nearer) < near) * weight - HOLE_PRICE * (nearer < below) * weight
     return float(score)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def solve(A: Floats, b: Floats, x: Floats) -> bool:
-    """Solve a small symmetric positive system in place by Cholesky; False where it is not positive."""
+    """See `reference.road.solve`; by Cholesky, in place."""
     n = len(b)
     for i in range(n):
         for j in range(i + 1):
@@ -85,7 +103,7 @@ def solve(A: Floats, b: Floats, x: Floats) -> bool:
             for k in range(j):
                 total -= A[i, k] * A[j, k]
             if i == j:
-                if total <= 1e-12:
+                if not total > LEAST_PIVOT:
                     return False
                 A[i, i] = np.sqrt(total)
             else:
@@ -136,7 +154,7 @@ def fit_plane(
         b[2] += w * y * x
         on += 1
     fitted = np.empty(3)
-    if on >= 10 and solve(A, b, fitted):
+    if on >= LEAST_POINTS and solve(A, b, fitted):
         plane[0] = fitted[0]
         plane[1] = fitted[1] / near
         plane[2] = fitted[2]
@@ -166,7 +184,7 @@ def draw_plane(
         if z < near:
             rays[0, m] = x / z
             rays[1, m] = y / z
-            rays[2, m] = 1000 / (1 + (x / side) ** 2)
+            rays[2, m] = POINT / (1 + (x / side) ** 2)
             rays[3, m] = d
             near_points[m] = points[i]
             m += 1
@@ -184,13 +202,13 @@ def draw_plane(
         else:
             picked = np.zeros(3, np.int64)
             for j in range(3):
-                state = state * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
+                state = state * np.uint64(MULTIPLIER) + np.uint64(INCREMENT)
                 picked[j] = np.int64((state >> np.uint64(33)) % np.uint64(m))
             x0, y0, z0, _ = near_points[picked[0]]
             x1, y1, z1, _ = near_points[picked[1]]
             x2, y2, z2, _ = near_points[picked[2]]
             det = (z1 - z0) * (x2 - x0) - (z2 - z0) * (x1 - x0)
-            if abs(det) < 1e-6 * near * near:
+            if abs(det) < LEAST_SPAN * near * near:
                 continue
             candidate[1] = ((y1 - y0) * (x2 - x0) - (y2 - y0) * (x1 - x0)) / det
             candidate[2] = ((z1 - z0) * (y2 - y0) - (z2 - z0) * (y1 - y0)) / det
@@ -211,7 +229,7 @@ def draw_plane(
             continue
         candidate[:] = best[k, 1:]
         on = 0
-        for _ in range(3):
+        for _ in range(POLISHES):
             fit_plane(near_points, m, candidate, tolerance_px, 0.0, scales, A, b)
         score = support(rays, m, candidate, fb, tolerance_px)
         for i in range(m):
@@ -228,20 +246,20 @@ def draw_plane(
 def bend(points: Floats, n: int, start: Floats, far: float, tolerance_m: float, scales: Floats, bent: Floats) -> None:
     """See `reference.road.bend`."""
     _, near, side, _ = scales
-    reach_x = 1.2 * side
+    reach_x = ASIDE * side
     bent[:3] = start
     bent[3] = 0.0
     A, b = np.empty((4, 4)), np.empty(4)
     row = np.empty(4)
     # Rows of a prior in the scaled unknowns (h, s*near, t, q*near^2): curvature near zero, the near plane near itself.
-    hold = np.array([35e3 / near, 1e3 / near, 1e3, 860 / near])
+    hold = np.array([HOLD[0] / near, HOLD[1] / near, HOLD[2], HOLD[3] / near])
     for step in range(GROWTH):
         reach = near + (far - near) * step / (GROWTH - 1)
         A[:] = 0
         b[:] = 0
         for i in range(n):
             x, y, z, _ = points[i]
-            slack = tolerance_m * 0.6 + 0.003 * z
+            slack = SLACK * tolerance_m + SLACK_PER_M * z
             off = y - bent[0] - bent[1] * z - bent[2] * x - bent[3] * z * z
             if not (abs(off) < slack and z < reach and abs(x) < reach_x):
                 continue
@@ -294,7 +312,7 @@ def find_road(
     if not draw_plane(points, n, draws, seed, tolerance_px, minimum, allowed, scales, prior, plane):
         return False
     A, b = np.zeros((3, 3)), np.zeros(3)
-    for tolerance in (2.0, 1.0, 0.6, 0.6):
+    for tolerance in TOLERANCES:
         if fit_plane(points, n, plane, 0.0, tolerance * tolerance_m, scales, A, b) < minimum:
             return False
     if not is_allowed(plane[0], plane[1], plane[2], allowed):
@@ -313,5 +331,5 @@ def find_road(
     road[:3] = plane
     road[3] = -bent[3]
     road[4] = on / n
-    road[5] = np.sort(depths[:on])[int(0.99 * (on - 1))]
+    road[5] = np.sort(depths[:on])[int(RANGE_SHARE * (on - 1))]
     return True

@@ -4,15 +4,26 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Ints = NDArray[np.int32]
-
-NOTHING = np.int32(-1)
-SLANT = 1.5
-"""Neighbours beside each other may differ by this many times what others may."""
-BINS_PER_PX = 2
-"""Disparities of a column are counted in steps of half a pixel."""
+from roadblock.kernels.reference.street import (
+    BESIDE,
+    BINS_PER_PX,
+    DEEP_M,
+    DEEP_SHARE,
+    DEPTH_SHARES,
+    FACE_SHARE,
+    FAR_SHARE,
+    FULL_SHARE,
+    HIDDEN_SHARE,
+    NOTHING,
+    ROAD_CELLS,
+    SECOND_DIFFERENCE,
+    SIDE_SHARES,
+    SLANT,
+    STRAY,
+    Floats,
+    Ints,
+    Singles,
+)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -45,7 +56,7 @@ def find_holes(height: Singles, road_m: Floats, cell_h: int, hides_px_m: float, 
     for row in range(rows):
         for column in range(columns):
             known = False
-            for i in range(max(0, column - 2), min(columns, column + 3)):
+            for i in range(max(0, column - BESIDE), min(columns, column + BESIDE + 1)):
                 known |= height[row, i] == height[row, i]
             seen[row, column] = known
     for column in range(columns):
@@ -66,7 +77,6 @@ def find_holes(height: Singles, road_m: Floats, cell_h: int, hides_px_m: float, 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def measure_free(
     d_px: Singles,
-    z: Singles,
     height: Singles,
     fb: float,
     heights: Floats,
@@ -77,7 +87,7 @@ def measure_free(
 ) -> None:
     """See `reference.street.measure_free`."""
     low, high, road = heights
-    rows, columns = z.shape
+    rows, columns = d_px.shape
     top = 1
     for row in range(rows):
         for column in range(columns):
@@ -105,7 +115,7 @@ def measure_free(
     for i in range(top + 1):
         # The bin of what lies as far behind bin i as things of one range may lie apart.
         nearest = fb * BINS_PER_PX / (i + 1)
-        behind[i] = int(fb * BINS_PER_PX / (nearest + max(0.5, 0.05 * nearest)))
+        behind[i] = int(fb * BINS_PER_PX / (nearest + max(DEEP_M, DEEP_SHARE * nearest)))
     for column in range(columns):
         standing[:] = 0
         seen[:] = 0
@@ -123,7 +133,7 @@ def measure_free(
             for k in range(behind[i], i + 1):
                 inside += standing[k]
             if inside >= support:
-                wanted = min(max(2.0, quantile * inside), inside)
+                wanted = min(max(float(STRAY), quantile * inside), inside)
                 passed = 0
                 for k in range(i, behind[i] - 1, -1):
                     passed += standing[k]
@@ -140,7 +150,7 @@ def measure_free(
         passed = 0
         for k in range(top + 1):
             passed += seen[k]
-            if passed >= 4:
+            if passed >= ROAD_CELLS:
                 total = 0.0
                 for i in range(first, end):
                     total += road_sums[i, k]
@@ -230,7 +240,7 @@ def link(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def quantile_of(values: Floats | Singles, share: float) -> float:
-    """Return the value that `share` of the others lie below, between neighbours linearly; reorders `values`."""
+    """See `reference.street.quantile_of`."""
     n = len(values)
     position = share * (n - 1)
     k = int(position)
@@ -253,13 +263,13 @@ def quantile_of(values: Floats | Singles, share: float) -> float:
             low = i
         else:
             break
-    at = float(values[k])
+    at = np.float64(values[k])
     if position == k:
         return at
     above = values[k + 1]
     for i in range(k + 2, n):
         above = min(above, values[i])
-    return at + (position - k) * (float(above) - at)
+    return at + (position - k) * (np.float64(above) - at)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -310,8 +320,8 @@ def gather_pieces(
         n = b - a
         for i in range(n):
             scratch[i] = depths[order[a + i]]
-        near = quantile_of(scratch[:n], 0.05)
-        far = quantile_of(scratch[:n], 0.95)
+        near = quantile_of(scratch[:n], DEPTH_SHARES[0])
+        far = quantile_of(scratch[:n], DEPTH_SHARES[1])
         pieces = int(max(0.0, far - near - 2 * far * far / fb) / split_m) + 1
         ratio = (far / near) ** (1 / pieces)
         edge_low = -np.inf
@@ -367,7 +377,7 @@ def roughness(d_px: Singles, cells: Ints, scratch: Singles, member: Ints, number
             n += 1
     if n == 0:
         return np.nan
-    return float(1.4826 / np.sqrt(1.5) * quantile_of(scratch[:n], 0.5))
+    return float(SECOND_DIFFERENCE * quantile_of(scratch[:n], 0.5))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -450,7 +460,11 @@ def drop_hidden(boxes: Ints, areas: Ints, kept: NDArray[np.bool_]) -> None:
         for j in range(i):
             c0, d0, c1, d1 = boxes[j]
             common = max(0, min(a1, c1) - max(a0, c0)) * max(0, min(b1, d1) - max(b0, d0))
-            if kept[j] and common > 0.85 * (a1 - a0) * (b1 - b0) and areas[j] > 0.5 * (c1 - c0) * (d1 - d0):
+            if (
+                kept[j]
+                and common > HIDDEN_SHARE * ((a1 - a0) * (b1 - b0))
+                and areas[j] > FULL_SHARE * ((c1 - c0) * (d1 - d0))
+            ):
                 kept[i] = False
                 break
 
@@ -468,18 +482,18 @@ def measure_surfaces(uvd: Floats, bounds: Ints, twin: Floats, road: Floats, near
             z[i] = f * baseline / uvd[a + i, 2]
             scratch[i] = z[i]
         out[k, 0] = quantile_of(scratch[:n], near_share)
-        out[k, 1] = quantile_of(scratch[:n], 0.95)
-        face_m = quantile_of(scratch[:n], max(0.3 - 1 / n, 0.0))
+        out[k, 1] = quantile_of(scratch[:n], FAR_SHARE)
+        face_m = quantile_of(scratch[:n], max(FACE_SHARE - 1 / n, 0.0))
         for i in range(n):
             scratch[i] = (uvd[a + i, 0] - cx) / f * z[i] - baseline / 2
-        out[k, 2] = quantile_of(scratch[:n], 0.01)
-        out[k, 3] = quantile_of(scratch[:n], 0.99)
+        out[k, 2] = quantile_of(scratch[:n], SIDE_SHARES[0])
+        out[k, 3] = quantile_of(scratch[:n], SIDE_SHARES[1])
         m = 0
         for i in range(n):
             if z[i] <= face_m or n == 1:
                 scratch[m] = (uvd[a + i, 0] - cx) / f * z[i] - baseline / 2
                 m += 1
-        out[k, 4] = (quantile_of(scratch[:m], 0.01) + quantile_of(scratch[:m], 0.99)) / 2
+        out[k, 4] = (quantile_of(scratch[:m], SIDE_SHARES[0]) + quantile_of(scratch[:m], SIDE_SHARES[1])) / 2
         for i in range(n):
             scratch[i] = uvd[a + i, 1]
         out[k, 5] = quantile_of(scratch[:n], 0.5)
@@ -490,5 +504,5 @@ def measure_surfaces(uvd: Floats, bounds: Ints, twin: Floats, road: Floats, near
             scratch[i] = n_x * x + n_y * y + n_z * z[i] + h - bend * z[i] * z[i]
             top, bottom = min(top, y), max(bottom, y)
         # Without a road the height is the extent downwards.
-        out[k, 6] = quantile_of(scratch[:n], 0.99) if n_x == n_x else bottom - top
+        out[k, 6] = quantile_of(scratch[:n], SIDE_SHARES[1]) if n_x == n_x else bottom - top
         out[k, 7] = bottom

@@ -24,7 +24,9 @@ START_BLUR_PX = 1.0
 LEAST_BLUR_PX = 0.05
 PIXEL_BLUR2 = 1 / 12
 """A pixel gathers light over its own area: this adds to the square of the optics' blur, in px^2."""
-LONGEST_STEP = np.array([1.0, 1.0, 0.2, 0.2, 0.4, 255.0, 255.0, 0.02, 0.02])
+LONGEST_STEP = np.array([1.0, 1.0, 0.2, 0.2, 0.4, 255.0, 255.0, 0.02, 0.02, 0.1])
+STRONGEST_TONE = 0.8
+"""Of the sensor's curve: slopes of dark and bright differ by a factor ((1 + t) / (1 - t))^2, 81 here and 3.5 at 0.3."""
 ITERATIONS = 20
 WHOLE_STEPS = 8
 """Later ones are halved: pictures sharper than their pixels make whole ones swing."""
@@ -83,12 +85,15 @@ class CornerFits:
 def fit_corners(image: NDArray[np.uint8], grid_px: FloatArray, clear: float = 0.5) -> CornerFits:
     """Fit the model of a blurred corner to every corner of a grid.
 
-    The model is `(a + b * erf(e1 / (sqrt(2) s)) * erf(e2 / (sqrt(2) s))) * (1 + g . p)`: mean a, contrast b and shade
-    g of the light, blur s, and the signed distances e1 and e2 to two lines through the corner, which bend as the rows
-    and columns of the grid do (a line that the lens bends is not straight within a window either). Fitted by
-    Gauss-Newton with Huber's weights, to raw pixels. A corner looks the same turned by 180 degrees, so what the model
-    leaves out (the sensor's curve, clipping, edges that are not at right angles) widens its residuals, but does not
-    move it. A window ends halfway to the next corner: no pixel serves two corners, their errors are independent.
+    The model is `(a + b * t(erf(e1 / (sqrt(2) s)) * erf(e2 / (sqrt(2) s)))) * (1 + g . p)`: mean a, contrast b and
+    shade g of the light, blur s, and the signed distances e1 and e2 to two lines through the corner, which bend as the
+    rows and columns of the grid do (a line that the lens bends is not straight within a window either). The tone curve
+    `t(x) = (x + k) / (1 + k x)` is the sensor's: most encode light by a power below 1, which widens the white side of
+    an edge. It is the same for the whole picture: k is the median of what the corners say in a first fit, each alone.
+
+    Fitted by Gauss-Newton with Huber's weights, to raw pixels. A corner looks the same turned by 180 degrees, so what
+    the model leaves out (clipping, the rest of a curve) widens its residuals, but does not move it. A window ends
+    halfway to the next corner: no pixel serves two corners, their errors are independent.
 
     Parameters
     ----------
@@ -113,11 +118,12 @@ def fit_corners(image: NDArray[np.uint8], grid_px: FloatArray, clear: float = 0.
     parity = np.where(np.indices(found.shape).sum(0) % 2, -1.0, 1.0)[found]
     with np.errstate(all="ignore"):
         near = _windows(image, start, around, clear, FIRST_HALF_PX, np.inf)
-        first = _fit(near, start, np.zeros_like(start[:, :2]))
+        first = _fit(near, start, np.zeros_like(start[:, :2]), with_tone=True)
         rough = grid_px.copy()
         rough[found] = np.where(first.done[:, None], first.x[:, :2], grid_px[found])
         blur = float(np.nanmedian(_blur(first.x)))
         again = np.where(first.done[:, None], first.x, start)
+        again[:, 9] = _tone(first)
         windows = _windows(image, again, around, clear, MOST_HALF_PX, blur)
         fit = _fit(windows, again, bends(rough)[found])
         sigma, noise = _sigmas(windows, fit)
@@ -190,7 +196,7 @@ class _Windows:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Parameters x (n, 9), residuals and robust weights (n, m) there, slopes (n, 9, m), and whether the steps ended."""
+    """Parameters x (n, 10), residuals and weights (n, m) there, slopes (n, 9 or 10, m), whether the steps ended."""
 
     x: FloatArray
     residual: FloatArray
@@ -205,8 +211,8 @@ def _nothing(n: int) -> CornerFits:
 
 
 def _start(points_px: FloatArray, steps: FloatArray) -> FloatArray:
-    """Return parameters (n, 9): u, v, angles of both lines, log of the optics' blur, mean, contrast, shades."""
-    x = np.zeros((len(points_px), 9))
+    """Return parameters (n, 10): u, v, angles of both lines, log of the optics' blur, mean, contrast, shades, tone."""
+    x = np.zeros((len(points_px), 10))
     x[:, :2] = points_px
     x[:, 2:4] = np.arctan2(steps[..., 1], steps[..., 0])
     x[:, 4] = np.log(START_BLUR_PX)
@@ -244,24 +250,31 @@ def _near(q: FloatArray, steps: FloatArray, clear: float, half_px: int, blur_px:
     return np.asarray(own & (to_edge <= reach))
 
 
-def _fit(windows: _Windows, x: FloatArray, curves: FloatArray) -> _Fit:
-    """Gauss-Newton from `x`, all corners at once; `curves` (n, 2) are the bends of their lines."""
-    x = x.copy()
-    x[:, 5:] = _light(windows, x, curves)
+def _fit(windows: _Windows, x: FloatArray, curves: FloatArray, *, with_tone: bool = False) -> _Fit:
+    """Gauss-Newton from `x`, all corners at once; `curves` (n, 2) are the bends of lines, the tone may be free."""
+    x, free = x.copy(), slice(9 + with_tone)
+    x[:, 5:9] = _light(windows, x, curves)
     weight, done = windows.weight, np.zeros(len(x), bool)
     for i in range(ITERATIONS):
         model, slopes = _model(windows, x, curves)
+        slopes = slopes[:, free]
         residual = windows.grey - model
         if i >= PLAIN_STEPS:
             weight = windows.weight * _huber(residual, windows.weight)
         weighted = slopes * weight[:, None]
         step = _solve(weighted @ slopes.swapaxes(1, 2), (weighted @ residual[..., None])[..., 0])
-        x += np.clip(step, -LONGEST_STEP, LONGEST_STEP) * (1.0 if i < WHOLE_STEPS else 0.5)
+        x[:, free] += np.clip(step, -LONGEST_STEP[free], LONGEST_STEP[free]) * (1.0 if i < WHOLE_STEPS else 0.5)
         x[:, 4] = np.maximum(x[:, 4], np.log(LEAST_BLUR_PX))
+        x[:, 9] = np.clip(x[:, 9], -STRONGEST_TONE, STRONGEST_TONE)
         done = np.abs(step[:, :2]).max(-1) < DONE_PX
         if i > PLAIN_STEPS and (done | ~np.isfinite(step[:, 0])).all():
             break
     return _Fit(x, residual, weight, slopes, done)
+
+
+def _tone(fit: _Fit) -> float:
+    """Return the tone curve that most corners agree on; none where no fit ended."""
+    return float(np.median(fit.x[fit.done, 9])) if fit.done.any() else 0.0
 
 
 def _light(windows: _Windows, x: FloatArray, curves: FloatArray) -> FloatArray:
@@ -303,16 +316,20 @@ def _blur(x: FloatArray) -> FloatArray:
 
 
 def _model(windows: _Windows, x: FloatArray, curves: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Grey levels (n, m) of the model, and their slopes (n, 9, m) over its parameters."""
-    a, b, gu, gv = (x[:, i, None] for i in range(5, 9))
+    """Grey levels (n, m) of the model, and their slopes (n, 10, m) over its parameters."""
+    a, b, gu, gv, tone = (x[:, i, None] for i in range(5, 10))
     pattern, (d1, d2, d_blur, d_row, d_column) = _pattern(x, windows.uv - x[:, :2, None], curves)
     du, dv = windows.from_center[:, 0], windows.from_center[:, 1]
     light = 1 + gu * du + gv * dv
-    grey = a + b * pattern
+    white = np.sign(b)
+    under = 1 + tone * white * pattern
+    toned = (pattern + tone * white) / under
+    grey = a + b * toned
     c, s = np.cos(x[:, 2:4, None]), np.sin(x[:, 2:4, None])
     shape = [d1 * s[:, 0] - d2 * s[:, 1], d2 * c[:, 1] - d1 * c[:, 0], d_row, d_column, d_blur]
-    scale = b * light
-    slopes = np.stack([*(scale * d for d in shape), light, light * pattern, grey * du, grey * dv], 1)
+    scale = b * light * (1 - tone * tone) / under**2
+    by_tone = np.abs(b) * light * (1 - pattern * pattern) / under**2
+    slopes = np.stack([*(scale * d for d in shape), light, light * toned, grey * du, grey * dv, by_tone], 1)
     return grey * light, slopes
 
 
@@ -323,11 +340,11 @@ def _huber(residual: FloatArray, window: FloatArray) -> FloatArray:
 
 
 def _solve(A: FloatArray, g: FloatArray) -> FloatArray:
-    """Solve A x = g, (n, 9, 9) and (n, 9), a little damped; NaN where that has no answer."""
+    """Solve A x = g, (n, k, k) and (n, k), a little damped; NaN where that has no answer."""
     bad = np.atleast_1d(~(np.isfinite(A).all((-1, -2)) & np.isfinite(g).all(-1)))
-    A = np.where(bad[:, None, None], np.eye(9), A)
+    A = np.where(bad[:, None, None], np.eye(A.shape[-1]), A)
     scale = 1 / np.sqrt(np.maximum(np.einsum("nii->ni", A), 1e-12))
-    A = A * scale[:, :, None] * scale[:, None, :] + 1e-9 * np.eye(9)
+    A = A * scale[:, :, None] * scale[:, None, :] + 1e-9 * np.eye(A.shape[-1])
     x = scale * np.linalg.solve(A, (scale * g)[..., None])[..., 0]
     return np.where(bad[:, None], np.nan, x)
 

@@ -26,6 +26,10 @@ UNKNOWN_SIGMA_PX = 0.1
 LEAST_SIGMA_PX = 0.001
 LEAST_TURNS = 2
 """So many changes from black to white in a row make squares."""
+MOST_GROWTH = 2.0
+"""A square is at most so many times as wide as the one before it: tilted boards and fisheyes stay below 1.5."""
+LEAST_ALTERNATING = 0.75
+"""So many of the neighbouring squares must differ in the sense they should; the rest a hand may hide."""
 ROUGHEST = 0.08
 """What is less regular than this share of a square is no board."""
 ROOM_PX = 5.0
@@ -141,7 +145,7 @@ def find_charuco(grey: Grey, board: Board) -> FloatArray | None:
 def _sighting(grey: Grey, grid: FloatArray, board: Board, clear: float) -> Sighting | None:
     """Fit the corners near `grid`, and number them."""
     if board.kind == "chessboard":
-        if _goes_on(grey, grid):
+        if not (_grows_evenly(grid) and _alternates(grey, grid)) or _goes_on(grey, grid):
             return None
         grid = grid if _right_handed(grid) else grid[:, ::-1]
     fits = fit_corners(grey, grid, clear)
@@ -157,6 +161,25 @@ def _sighting(grey: Grey, grid: FloatArray, board: Board, clear: float) -> Sight
     place = order.ravel()[ids]
     blur = float(np.median(fits.blur_px[place]))
     return Sighting(ids, fits.points_px[place], np.maximum(fits.sigma_px[place], LEAST_SIGMA_PX), blur)
+
+
+def _grows_evenly(grid: FloatArray) -> bool:
+    """Whether each step from corner to corner, along rows and columns, is about as long as the one before it."""
+    for axis in (0, 1):
+        step = np.linalg.norm(np.diff(grid, axis=axis), axis=-1)
+        before, after = step.take(range(step.shape[axis] - 1), axis), step.take(range(1, step.shape[axis]), axis)
+        if (np.maximum(before, after) > MOST_GROWTH * np.minimum(before, after)).any():
+            return False
+    return True
+
+
+def _alternates(grey: Grey, grid: FloatArray) -> bool:
+    """Whether the squares between the corners are bright and dark in turns."""
+    levels = _cell_levels(grey, grid)
+    turn = np.where(np.indices(levels.shape).sum(0) % 2, -1.0, 1.0)
+    brighter = np.concatenate([(np.diff(levels, axis=axis) * np.delete(turn, 0, axis)).ravel() for axis in (0, 1)])
+    share = float((brighter > 0).mean())
+    return max(share, 1 - share - float((brighter == 0).mean())) >= LEAST_ALTERNATING
 
 
 def _goes_on(grey: Grey, grid: FloatArray) -> bool:

@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from roadblock.stages.calibrate.coverage import empty_areas
-from roadblock.values.calibration import Calibration, Verdict
+from roadblock.values.calibration import Calibration
+from roadblock.values.camera import Verdict
 
 Finding = tuple[Verdict, str]
 SIDES = ("left", "right")

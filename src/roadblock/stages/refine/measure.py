@@ -7,24 +7,29 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.kernels.refine_compiled import refine_regions
-from roadblock.kernels.refine_reference import FIGURES, Model
+from roadblock.kernels.compiled.refine import refine_regions
+from roadblock.kernels.reference.refine import FIGURES, Model
 from roadblock.stages.refine.settings import RefineSettings
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.frame import Image, RectifiedPair
-from roadblock.values.scene import Refinement, Region
+from roadblock.values.scene import NEAREST_FACE_PERCENT, Refinement, Region
 
 Gray = NDArray[np.uint8]
 
-SETTLED_PX, FARTHEST_PX, LEAST_USED, LEAST_PIXELS = 0.05, 3.0, 0.3, 24
+SETTLED_PX, FARTHEST_PX, LEAST_USED, LEAST_PIXELS, LEAST_INNER = 0.05, 3.0, 0.3, 24, 0.1
 """A fit counts whose last step was no larger, which ended no farther from the coarse disparity, and that explains this
-share of its pixels, of which there are at least so many."""
+share of its pixels, of which there are at least so many and this share inside the outline: what is two pixels wide
+is seen mixed with what is behind it everywhere."""
 
-MEAN_SPREAD, MEAN_UNSEEN = 1.5, 0.66
+CONTRADICTS = 4.0
+"""The nearest face is no more than so many of the detector's standard deviations from where that saw it."""
+
+MEAN_SPREAD, MEAN_UNSEEN = 1.35, 0.6
 NEAREST_SPREAD, NEAREST_UNSEEN = 2.0, 0.9
-FLOOR_PX = 0.006
-"""What the blocks' scatter and the relief that the fit could not resolve do to the mean and to the nearest face."""
+FLOOR_PX, NEAREST_M = 0.006, 0.02
+"""What the blocks' scatter and the relief that the fit could not resolve do to the mean and to the nearest face; and
+what is left: of both, pixels; and of the nearest face, of which a detector misses the lowest part, metres."""
 
 
 def refine(pair: RectifiedPair, regions: Sequence[Region], settings: RefineSettings) -> tuple[Region, ...]:
@@ -57,7 +62,8 @@ def refine(pair: RectifiedPair, regions: Sequence[Region], settings: RefineSetti
         surface_model(left, right, pair.rectification),
     )
     return tuple(
-        replace(region, refined=judged(row, region.sigma_d_px)) for region, row in zip(regions, figures, strict=True)
+        replace(region, refined=judged(row, region, pair.rectification.f_px * pair.rectification.baseline_m))
+        for region, row in zip(regions, figures, strict=True)
     )
 
 
@@ -96,30 +102,33 @@ def noise_level(image: Gray) -> float:
     return max(0.4, float(np.percentile(usable, 10))) if len(usable) else 1.0
 
 
-def judged(figures: FloatArray, coarse_sigma_px: float) -> Refinement | None:
-    """Return what a fit is worth; None where it is no better than what the detector knew."""
+def judged(figures: FloatArray, region: Region, f_baseline: float) -> Refinement | None:
+    """Return what a fit is worth; None where it is no better than what the detector knew, or contradicts it."""
     f = dict(zip(FIGURES, figures.tolist(), strict=True))
     converged = (
         f["step_px"] <= SETTLED_PX
         and abs(f["moved_px"]) <= FARTHEST_PX
         and f["used"] >= LEAST_USED
         and f["pixels"] >= LEAST_PIXELS
+        and f["inner"] >= LEAST_INNER
         and min(f["mean_px"], f["nearest_px"]) > 0
     )
     if not converged:
         return None
-    sigma_mean, sigma_nearest = sigmas(f)
-    if sigma_nearest >= coarse_sigma_px:
+    sigma_mean, sigma_nearest = sigmas(f, f_baseline)
+    coarse_px = float(np.percentile(region.surface_uvd_px[:, 2], 100 - NEAREST_FACE_PERCENT))
+    if sigma_nearest >= region.sigma_d_px or abs(f["nearest_px"] - coarse_px) > CONTRADICTS * region.sigma_d_px:
         return None
     return Refinement(f["mean_px"], sigma_mean, f["nearest_px"], sigma_nearest, f["moved_px"], f["residual"], f["used"])
 
 
-def sigmas(f: dict[str, float]) -> tuple[float, float]:
+def sigmas(f: dict[str, float], f_baseline: float) -> tuple[float, float]:
     """Return one standard deviation of mean_px and of nearest_px, pixels.
 
     The factors were chosen once, on exact masks of simulated streets (docs/refinement.md).
     """
     spread, unseen = max(f["scatter_px"], f["noise_px"]), f["unseen_px"]
     mean = np.sqrt((MEAN_SPREAD * spread) ** 2 + (MEAN_UNSEEN * unseen) ** 2 + FLOOR_PX**2)
-    nearest = np.sqrt((NEAREST_SPREAD * spread) ** 2 + (NEAREST_UNSEEN * unseen) ** 2 + FLOOR_PX**2)
+    edge = NEAREST_M * f["mean_px"] ** 2 / f_baseline
+    nearest = np.sqrt((NEAREST_SPREAD * spread) ** 2 + (NEAREST_UNSEEN * unseen) ** 2 + FLOOR_PX**2 + edge**2)
     return float(mean), float(nearest)

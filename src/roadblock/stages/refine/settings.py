@@ -1,8 +1,8 @@
 """What can be set about refinement."""
 
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 
 class RefineSettings(BaseModel):
@@ -10,4 +10,10 @@ class RefineSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    level: Literal["fast", "off"] = Field("fast", description="fast: least squares over a region; off: as detected.")
+    level: Literal["fast", "off"] = Field("off", description="fast: least squares over a region; off: as detected.")
+
+    @field_validator("level", mode="before")
+    @classmethod
+    def _off_is_a_word(cls, level: Any) -> Any:
+        """YAML reads a plain `off` as false."""
+        return "off" if level is False else level

@@ -124,6 +124,10 @@ BAD = {
         GOOD + "calibration: {covariance: []}\n",
         r"calibration.covariance must hold names with values, but holds a list",
     ),
+    "verdict": (
+        SURE.replace("calibration:\n", "calibration:\n  verdict: fine\n"),
+        "verdict must be one of good, usable, refused, but got 'fine'",
+    ),
     "covariance key": (SURE.replace("    matrix:", "    matix:"), r"calibration.covariance.matix is no .*mean matrix"),
     "covariance without names": (
         re.sub(r"    names: .*\n", "", SURE),

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -36,6 +37,13 @@ def test_crooked_rig():
     assert rows["mounting"] == "1.200 m forward, -0.100 m left, 1.400 m up in the vehicle frame"
     assert rows["left lens"].startswith("brown-conrady (-0.27, 0.11,")
     assert rows["right lens"].startswith("kannala-brandt (")
+
+
+@pytest.mark.parametrize(("verdict", "word"), [("good", "good"), ("usable", "usable"), ("refused", "REFUSED")])
+def test_what_the_calibration_said_of_itself(verdict, word):
+    assert dict(describe_rig(replace(crooked_rig("pinhole", "pinhole"), verdict=verdict)))["calibration"].startswith(
+        word
+    )
 
 
 def vergence_known_to(sigma_deg, baseline_m=0.25):

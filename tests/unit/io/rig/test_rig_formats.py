@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -87,6 +88,12 @@ def test_people_read_the_range_sigma_in_our_file(tmp_path):
     text = path.read_text()
     path.write_text(text[: text.index("  # Standard deviation of the range")])  # they follow from the covariance
     np.testing.assert_array_equal(read_rig(path).covariance.matrix, rig.covariance.matrix)
+
+
+def test_the_verdict_stands_beside_the_covariance(tmp_path):
+    path = write_rig(replace(sure_rig(crooked_rig()), verdict="refused"), tmp_path / "rig.yaml")[0]
+    assert yaml.safe_load(path.read_text())["calibration"]["verdict"] == "refused"
+    assert read_rig(path).verdict == "refused"
 
 
 def test_a_file_without_a_covariance_has_none(tmp_path):

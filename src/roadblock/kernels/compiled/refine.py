@@ -1,14 +1,15 @@
-"""Refinement of regions, compiled: see `refine_reference`."""
+"""Refinement of regions, compiled: see `reference.refine`."""
 
 import numba
 import numpy as np
 
-from roadblock.kernels.refine_reference import (
+from roadblock.kernels.reference.refine import (
     FIGURES,
     FURTHEST_STEP_PX,
     GRADIENT_NOISE,
     ITERATIONS,
     LEAST_BLOCK_PX,
+    LEAST_ENERGY,
     LEAST_WEIGHT,
     MOST_BLOCKS,
     MOST_PIXELS,
@@ -16,6 +17,7 @@ from roadblock.kernels.refine_reference import (
     PRIOR_BLOCKS,
     ROBUST,
     SEARCH_PX,
+    SETTLED_PX,
     SWEEPS,
     TAPS,
     TENTH,
@@ -56,14 +58,15 @@ def refine_regions(left, right, first, uvd, cell_px, model):  # type: ignore[no-
         bounds(uvd[first[i] : first[i + 1]], cell_px[i], left.shape, boxes[i])
         most = max(most, (boxes[i, 2] - boxes[i, 0]) * (boxes[i, 3] - boxes[i, 1]))
     planes = np.empty((4, most), np.float32)
-    blocks = np.empty((9, MOST_BLOCKS))
+    blocks = np.empty((8, MOST_BLOCKS))
+    row = np.empty(left.shape[1], np.float32)
     for i in range(n):
         u0, v0, u1, v1 = boxes[i]
         if u1 - u0 < 1 or v1 - v0 < 1:
             continue
         coarse = planes[0, : (u1 - u0) * (v1 - v0)].reshape(v1 - v0, u1 - u0)
         paint(uvd[first[i] : first[i + 1]], cell_px[i], boxes[i], coarse)
-        refine_region(left, right, boxes[i], coarse, planes[1:], blocks, FIR, model, figures[i])
+        refine_region(left, right, boxes[i], coarse, planes[1:], blocks, row, FIR, model, figures[i])
     return figures
 
 
@@ -88,7 +91,7 @@ def paint(uvd, cell_px, box, coarse):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def refine_region(left, right, box, coarse, planes, blocks, fir, model, figures):  # type: ignore[no-untyped-def]  # noqa: C901
+def refine_region(left, right, box, coarse, planes, blocks, row, fir, model, figures):  # type: ignore[no-untyped-def]
     """Refine one region: its box, the coarse disparity of its pixels (0 = none), scratch, and where its figures go."""
     height, width = coarse.shape
     u0, v0 = box[0], box[1]
@@ -108,8 +111,12 @@ def refine_region(left, right, box, coarse, planes, blocks, fir, model, figures)
     slope = planes[1, :size].reshape(height, width)
     weight = planes[2, :size].reshape(height, width)
     noise2 = 2 * model.noise * model.noise
-    fill_template(left, u0, v0, coarse, step, mean, noise2, model, template, slope, weight)
+    inner = fill_template(left, u0, v0, coarse, step, mean, noise2, model, template, slope, weight)
     coarse_mean = mean
+    deepest = 0.0
+    for k in range(n):
+        deepest += count[k] * (d[k] - mean) ** 2
+    deepest = np.sqrt(deepest / pixels)
     moved = search(left, right, u0, v0, weight, step, b, across, d)
     for k in range(n):
         d[k] += moved
@@ -122,36 +129,35 @@ def refine_region(left, right, box, coarse, planes, blocks, fir, model, figures)
         sum_ee[:] = 0
         sum_w[:] = 0
         r_w, r_r, r_rr, r_e, r_er = 0.0, 0.0, 0.0, 0.0, 0.0
+        nearest, farthest = d.max(), d.min()
+        low = max(u0 - int(np.floor(nearest)) - TAPS, 0)
+        high = min(u0 + width - int(np.floor(farthest)) + TAPS, right.shape[1])
+        gain32, offset32 = np.float32(gain), np.float32(offset)
+        robust = np.float32(1 / (ROBUST * ROBUST * scale2)) if scale2 > 0 else np.float32(0)
         for v in range(0, height, step):
+            for x in range(low, high):
+                row[x] = right[v0 + v, x]
             for c in range(across):
                 k = (v // b) * across + c
                 if count[k] == 0:
                     continue
                 whole = int(np.floor(d[k]))
-                taps = fir[int(np.floor((1.0 - (d[k] - whole)) * PHASES + 0.5))]
                 base = u0 - whole - TAPS // 2
-                begin = max(c * b, -base)
-                end = min(min(width, c * b + b), right.shape[1] - TAPS + 1 - base)
-                for u in range(begin, end):
-                    w = weight[v, u]
-                    x = base + u
-                    r = np.float32(0)
-                    for t in range(TAPS):
-                        r += taps[t] * np.float32(right[v0 + v, x + t])
-                    e = template[v, u] - np.float32(gain) * r - np.float32(offset)
-                    if scale2 > 0:
-                        q = np.float32(1) + e * e / np.float32(ROBUST * ROBUST * scale2)
-                        w = w / (q * q)
-                    g = slope[v, u]
-                    sum_gg[k] += w * g * g
-                    sum_ge[k] += w * g * e
-                    sum_ee[k] += w * e * e
-                    sum_w[k] += w
-                    r_w += w
-                    r_r += w * r
-                    r_rr += w * r * r
-                    r_e += w * e
-                    r_er += w * e * r
+                begin = max(c * b, low - base)
+                end = min(min(width, c * b + b), high - TAPS + 1 - base)
+                taps = fir[int(np.floor((1.0 - (d[k] - whole)) * PHASES + 0.5))]
+                gg, ge, ee, w, r, rr, e, er = sums_of_row(
+                    row, taps, base, begin, end, v, template, slope, weight, gain32, offset32, robust
+                )
+                sum_gg[k] += gg
+                sum_ge[k] += ge
+                sum_ee[k] += ee
+                sum_w[k] += w
+                r_w += w
+                r_r += r
+                r_rr += rr
+                r_e += e
+                r_er += er
         if r_w < LEAST_WEIGHT:
             return
         total = 0.0
@@ -171,21 +177,56 @@ def refine_region(left, right, box, coarse, planes, blocks, fir, model, figures)
         for k in range(n):
             target[k], inform[k] = mean, 0.0
             if count[k] > 0 and sum_w[k] > 0:
-                energy = max(sum_gg[k] - GRADIENT_NOISE * model.noise**2 * sum_w[k], 0.02 * sum_gg[k])
+                local2 = max(sum_ee[k] / sum_w[k] if sum_w[k] > 4 else residual2, 0.5 * residual2)
+                level2 = min(max(local2 / 2, model.noise**2), 4 * model.noise**2)
+                by_noise = GRADIENT_NOISE * level2 * (sum_w[k] + 3 * np.sqrt(sum_w[k]))
+                energy = max(sum_gg[k] - by_noise, LEAST_ENERGY * sum_gg[k])
                 if energy > 0:
-                    local2 = max(sum_ee[k] / sum_w[k] if sum_w[k] > 4 else residual2, 0.5 * residual2)
                     target[k] = d[k] + min(max(-sum_ge[k] / energy, -FURTHEST_STEP_PX), FURTHEST_STEP_PX)
                     inform[k] = energy / (2 * local2)
                     known += inform[k]
         if known <= 0:
             return
         before = mean
-        relief = seen_relief(target, inform, model, mean)
+        relief = seen_relief(target, inform, model, mean, deepest, width)
         mean = smooth(across, d, target, inform, count, mean, 1 / (tie * tie), relief)
         last = abs(mean - before)
+        if iteration > 0 and last < SETTLED_PX:
+            break
     summarize(d, target, inform, count, mean, relief, figures)
     figures[5], figures[6] = last, figures[0] - coarse_mean
     figures[7], figures[8], figures[9] = np.sqrt(residual2), used * step / pixels, pixels
+    figures[10] = inner
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def sums_of_row(row, taps, base, begin, end, v, template, slope, weight, gain, offset, robust):  # type: ignore[no-untyped-def]
+    """Return one row's share of a block's sums: gg, ge, ee, weight, r, rr, e, er.
+
+    Nothing is stored in the loop and no index can be negative, so that eight pixels at a time go through it.
+    """
+    t0, t1, t2, t3, t4, t5, t6, t7 = taps[0], taps[1], taps[2], taps[3], taps[4], taps[5], taps[6], taps[7]
+    zero = np.float32(0)
+    s_gg, s_ge, s_ee, s_w, s_r, s_rr, s_e, s_er = zero, zero, zero, zero, zero, zero, zero, zero
+    y, first, x = np.uintp(v), np.uintp(begin), np.uintp(max(base + begin, 0))
+    for i in range(np.uintp(max(end - begin, 0))):
+        at = x + i
+        r = t0 * row[at] + t1 * row[at + np.uintp(1)] + t2 * row[at + np.uintp(2)] + t3 * row[at + np.uintp(3)]
+        r += t4 * row[at + np.uintp(4)] + t5 * row[at + np.uintp(5)] + t6 * row[at + np.uintp(6)]
+        r += t7 * row[at + np.uintp(7)]
+        g = slope[y, first + i]
+        e = template[y, first + i] - gain * r - offset
+        q = np.float32(1) + e * e * robust
+        w = weight[y, first + i] / (q * q)
+        s_gg += w * g * g
+        s_ge += w * g * e
+        s_ee += w * e * e
+        s_w += w
+        s_r += w * r
+        s_rr += w * r * r
+        s_e += w * e
+        s_er += w * e * r
+    return s_gg, s_ge, s_ee, s_w, s_r, s_rr, s_e, s_er
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -210,13 +251,13 @@ def start_blocks(coarse, b, across, d, count):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def fill_template(left, u0, v0, coarse, step, mean, noise2, model, template, slope, weight):  # type: ignore[no-untyped-def]
-    """Fill in grey levels, their slope along the row, and weights: 0 outside, less along the outline.
+    """Fill in grey levels, slopes along the row, and weights; return the share of pixels inside the outline.
 
     The outline's pixels share what is wrong with them (it lies behind the mean surface, and what is behind it pulls),
     so all together count as one measurement with that error.
     """
     height, width = coarse.shape
-    rim = 0.0
+    rim, inner, pixels = 0.0, 0, 0
     for v in range(0, height, step):
         row = left[v0 + v]
         for u in range(width):
@@ -230,6 +271,8 @@ def fill_template(left, u0, v0, coarse, step, mean, noise2, model, template, slo
                 inside = 0 < u < width - 1 and coarse[v, u - 1] > 0 and coarse[v, u + 1] > 0
                 inside = inside and (v == 0 or coarse[v - 1, u] > 0) and (v == height - 1 or coarse[v + 1, u] > 0)
                 weight[v, u] = 1 if inside else -1
+                pixels += 1
+                inner += inside
                 if not inside:
                     rim += slope[v, u] ** 2
     rim_px2 = (model.rim_m * mean * mean / model.f_baseline) ** 2 + model.rim_px**2
@@ -238,29 +281,37 @@ def fill_template(left, u0, v0, coarse, step, mean, noise2, model, template, slo
         for u in range(width):
             if weight[v, u] < 0:
                 weight[v, u] = share
+    return inner / max(pixels, 1)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def search(left, right, u0, v0, weight, step, b, across, d):  # type: ignore[no-untyped-def]
     """Return by how many whole pixels the region fits best, -SEARCH_PX..SEARCH_PX."""
     best, least = 0, np.float64(np.inf)
+    height, width = weight.shape
     for shift in range(-SEARCH_PX, SEARCH_PX + 1):
-        cost, pixels = np.float64(0), 0
-        for v in range(0, weight.shape[0], step):
-            for u in range(weight.shape[1]):
-                if weight[v, u] > 0:
-                    x = u0 + u - int(np.floor(d[(v // b) * across + u // b] + 0.5)) - shift
-                    if 0 <= x < left.shape[1]:
-                        e = np.float32(left[v0 + v, u0 + u]) - np.float32(right[v0 + v, x])
-                        cost += min(e * e, np.float32(900))
-                        pixels += 1
+        cost, pixels = np.float64(0), np.float64(0)
+        for v in range(0, height, step):
+            for c in range(across):
+                to = u0 - int(np.floor(d[(v // b) * across + c] + 0.5)) - shift
+                part, seen = np.float32(0), np.float32(0)
+                begin, end = max(c * b, -to), min(min(width, c * b + b), left.shape[1] - to)
+                y, a, x = np.uintp(v0 + v), np.uintp(begin), np.uintp(max(to + begin, 0))  # never negative
+                from_left = np.uintp(u0 + begin)
+                for i in range(np.uintp(max(end - begin, 0))):
+                    e = np.float32(left[y, from_left + i]) - np.float32(right[y, x + i])
+                    counts = np.float32(1) if weight[np.uintp(v), a + i] > 0 else np.float32(0)
+                    part += counts * min(e * e, np.float32(900))
+                    seen += counts
+                cost += part
+                pixels += seen
         if pixels > 0 and cost / pixels < least:
             best, least = shift, cost / pixels
     return best
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def seen_relief(target, inform, model, mean):  # type: ignore[no-untyped-def]
+def seen_relief(target, inform, model, mean, deepest, width_px):  # type: ignore[no-untyped-def]
     """Return how far the blocks lie from their mean, pixels: their scatter less what noise makes of it."""
     total, at, square, blocks = 0.0, 0.0, 0.0, 0
     for k in range(len(target)):
@@ -271,11 +322,12 @@ def seen_relief(target, inform, model, mean):  # type: ignore[no-untyped-def]
             blocks += 1
     at /= total
     per_m = mean * mean / model.f_baseline
-    usual = (model.relief_m * per_m) ** 2
+    width_m = width_px * model.f_baseline / model.f_px / mean
+    usual = ((model.relief_m + model.relief_share * width_m) * per_m) ** 2
     seen = (square / total - at * at) - (blocks - 1) / total
     trust = blocks * usual / (usual + blocks / total)
     relief2 = (max(seen, 0.0) * trust + usual * PRIOR_BLOCKS) / (trust + PRIOR_BLOCKS)
-    return max(min(np.sqrt(relief2), model.relief_most_m * per_m), 2e-3)
+    return max(min(np.sqrt(relief2), max(model.relief_most_m * per_m, deepest)), 2e-3)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -1,4 +1,4 @@
-"""Refinement of regions as plain numpy: slow, short, and what `refine_compiled` reproduces to 1e-3 px.
+"""Refinement of regions as plain numpy: slow, short, and what `compiled.refine` reproduces to 1e-3 px.
 
 A region is a set of cells with a coarse disparity each. It is cut into square blocks; each block has one disparity, and
 neighbouring blocks are tied to each other and to the region's mean by what surfaces do (see `Model`). All are found
@@ -22,11 +22,17 @@ LEAST_BLOCK_PX, MOST_BLOCKS, MOST_PIXELS = 8, 400, 8192
 ITERATIONS, SWEEPS, SEARCH_PX, FURTHEST_STEP_PX = 6, 12, 2, 0.7
 """Of Gauss-Newton, of Gauss-Seidel within each, the integer search's reach, and a block's longest step."""
 
+SETTLED_PX = 1e-3
+"""Iterations end when the mean moves by less."""
+
 ROBUST, LEAST_WEIGHT = 3.0, 8.0
 """A pixel whose residual is this many standard deviations counts a quarter; and so many pixels must count in all."""
 
 GRADIENT_NOISE = 0.903
 """What noise of variance 1 adds to the square of a gradient: the sum of its squared weights."""
+
+LEAST_ENERGY = 1e-3
+"""Of a block's gradients this share is never noise, so that every block has a say, however small."""
 
 TENTH = 1.2816
 """The nearest tenth of a Gaussian lies so many standard deviations off its mean."""
@@ -48,6 +54,7 @@ FIGURES = (
     "residual",
     "used",
     "pixels",
+    "inner",
 )
 """What a region comes to, in the order of the kernel's columns:
 
@@ -69,6 +76,8 @@ used
     Share of the pixels that count, by their robust weights.
 pixels
     How many there are.
+inner
+    Share of them that do not lie along the outline.
 """
 
 
@@ -85,8 +94,9 @@ class Model(NamedTuple):
         Left over right contrast, of the cameras.
     slope
         How much deeper a surface gets per metre across, usually.
-    relief_m, relief_most_m
-        How far parts of a thing lie from its mean, usually and at most (standard deviations).
+    relief_m, relief_share, relief_most_m
+        How far parts of a thing lie from its mean (standard deviation): usually `relief_m` and this share of its width,
+        for what is wide is often deep; and at most.
     rim_m, rim_px
         How far its outline lies behind its mean surface, and how far what is behind it pulls the outline.
     """
@@ -96,7 +106,8 @@ class Model(NamedTuple):
     noise: float
     gain: float
     slope: float = 1.0
-    relief_m: float = 0.15
+    relief_m: float = 0.05
+    relief_share: float = 0.2
     relief_most_m: float = 1.0
     rim_m: float = 0.0
     rim_px: float = 0.01
@@ -116,13 +127,17 @@ def interpolation() -> NDArray[np.float32]:
 
 @dataclass
 class Blocks:
-    """The blocks of a region, (rows, columns) each: disparity, what the data say of it and how surely, pixel count."""
+    """The blocks of a region, (rows, columns) each: disparity, what the data say of it and how surely, pixel count.
+
+    Each is `side` pixels wide and high; the region itself is `width_px` wide.
+    """
 
     d: Floats
     target: Floats
     inform: Floats
     count: Floats
     side: int
+    width_px: int
 
 
 def refine_regions(
@@ -172,10 +187,12 @@ def refine_region(left: Gray, right: Gray, u0: int, v0: int, coarse: Floats, mod
     pixels, mean = int((coarse > 0).sum()), float(coarse[coarse > 0].mean())
     step = -(-pixels // MOST_PIXELS)
     blocks = start_blocks(coarse, mean)
-    v, u = (x.ravel() for x in np.mgrid[: coarse.shape[0] : step, : coarse.shape[1]])
-    template, slope, weight = template_of(left, u0, v0, coarse, u, v, mean, model)
+    deepest = float(np.sqrt(np.average((blocks.d - mean) ** 2, weights=blocks.count)))
+    rows, columns = np.arange(0, coarse.shape[0], step), np.arange(coarse.shape[1])
+    v, u = np.repeat(rows, len(columns)), np.tile(columns, len(rows))
+    template, slope, weight, inner = template_of(left, u0, v0, coarse, u, v, mean, model)
     keep = weight > 0
-    u, v, template, slope, weight = (x[keep] for x in (u, v, template, slope, weight))
+    u, v, template, slope, weight = u[keep], v[keep], template[keep], slope[keep], weight[keep]
     of = (v // blocks.side, u // blocks.side)
     moved = search(template, right, u + u0, v + v0, blocks.d[of])
     blocks.d += moved
@@ -199,10 +216,20 @@ def refine_region(left: Gray, right: Gray, u0: int, v0: int, coarse: Floats, mod
             offset, gain = offset + change[0], gain + change[1]
         if not inform_blocks(blocks, of, w, slope, e, residual2, mean, model):
             return np.full(len(FIGURES), np.nan)
-        before, relief = mean, seen_relief(blocks, mean, model)
+        before, relief = mean, seen_relief(blocks, mean, deepest, model)
         mean = smooth(blocks, mean, relief, model)
+        if iteration > 0 and abs(mean - before) < SETTLED_PX:
+            break
     unseen, figures = summarize(blocks, mean, relief)
-    measured = [unseen, abs(mean - before), figures[0] - coarse_mean, np.sqrt(residual2), used * step / pixels, pixels]
+    measured = [
+        unseen,
+        abs(mean - before),
+        figures[0] - coarse_mean,
+        np.sqrt(residual2),
+        used * step / pixels,
+        pixels,
+        inner,
+    ]
     return np.array([*figures, *measured])
 
 
@@ -217,13 +244,13 @@ def start_blocks(coarse: Floats, mean: float) -> Blocks:
     tiles = padded.reshape(rows, side, columns, side)
     count = (tiles > 0).sum((1, 3)).astype(float)
     d = np.where(count > 0, tiles.sum((1, 3)) / np.maximum(count, 1), mean)
-    return Blocks(d, d.copy(), np.zeros_like(d), count, side)
+    return Blocks(d, d.copy(), np.zeros_like(d), count, side, coarse.shape[1])
 
 
 def template_of(
     left: Gray, u0: int, v0: int, coarse: Floats, u: NDArray[np.int64], v: NDArray[np.int64], mean: float, model: Model
-) -> tuple[Floats, Floats, Floats]:
-    """Return grey levels of the left image, their slopes along the row, and weights of pixels.
+) -> tuple[Floats, Floats, Floats, float]:
+    """Return the left image's levels, slopes along the row, weights, and the share of pixels inside the outline.
 
     Weights are 0 outside and less along the outline: its pixels share what is wrong with them (it lies behind the mean
     surface, and what is behind it pulls), so all together count as one measurement with that error.
@@ -239,7 +266,8 @@ def template_of(
     rim_px2 = (model.rim_m * mean * mean / model.f_baseline) ** 2 + model.rim_px**2
     noise2 = 2 * model.noise**2
     share = noise2 / (noise2 + (slope[rim] ** 2).sum() * rim_px2)
-    return image[v + v0, x], slope, np.where(rim, share, known.astype(float))
+    inner = 1 - rim.sum() / max(known.sum(), 1)
+    return image[v + v0, x], slope, np.where(rim, share, known.astype(float)), float(inner)
 
 
 def search(template: Floats, right: Gray, x: NDArray[np.int64], y: NDArray[np.int64], d: Floats) -> int:
@@ -276,7 +304,8 @@ def inform_blocks(
 ) -> bool:
     """Fill in what the data say of each block and how surely; return whether they say anything.
 
-    The noise's share of the gradients' energy is taken off, and a block whose pixels fit badly counts less.
+    What noise alone may make of the gradients' energy (three standard deviations) is taken off, and a block whose
+    pixels fit badly counts less.
     """
     sums = []
     for values in (w * slope**2, w * slope * e, w * e * e, w):
@@ -284,26 +313,33 @@ def inform_blocks(
         np.add.at(each, of, values)
         sums.append(each)
     gg, ge, ee, total = sums
-    energy = np.maximum(gg - GRADIENT_NOISE * model.noise**2 * total, 0.02 * gg)
-    known = (blocks.count > 0) & (total > 0) & (energy > 0)
     with np.errstate(all="ignore"):
         local2 = np.maximum(np.where(total > 4, ee / total, residual2), residual2 / 2)
+        noise2 = np.clip(local2 / 2, model.noise**2, 4 * model.noise**2)
+        by_noise = GRADIENT_NOISE * noise2 * (total + 3 * np.sqrt(total))
+    energy = np.maximum(gg - by_noise, LEAST_ENERGY * gg)
+    known = (blocks.count > 0) & (total > 0) & (energy > 0)
+    with np.errstate(all="ignore"):
         step = np.clip(-ge / energy, -FURTHEST_STEP_PX, FURTHEST_STEP_PX)
     blocks.target = np.where(known, blocks.d + step, mean)
     blocks.inform = np.where(known, energy / (2 * local2), 0.0)
     return bool(known.any())
 
 
-def seen_relief(blocks: Blocks, mean: float, model: Model) -> float:
-    """Return how far the blocks lie from their mean, pixels: their scatter less what noise makes of it."""
+def seen_relief(blocks: Blocks, mean: float, deepest: float, model: Model) -> float:
+    """Return how far the blocks lie from their mean, pixels: their scatter less what noise makes of it.
+
+    It is no more than things have, unless the detector saw a deeper one (`deepest`, pixels).
+    """
     known = blocks.inform > 0
     weight, target = blocks.inform[known], blocks.target[known]
     total, n, per_m = weight.sum(), len(weight), mean * mean / model.f_baseline
-    usual = (model.relief_m * per_m) ** 2
+    width_m = blocks.width_px * model.f_baseline / model.f_px / mean
+    usual = ((model.relief_m + model.relief_share * width_m) * per_m) ** 2
     seen = (weight * (target - (weight * target).sum() / total) ** 2).sum() / total - (n - 1) / total
     trust = n * usual / (usual + n / total)
     relief2 = (max(seen, 0.0) * trust + usual * PRIOR_BLOCKS) / (trust + PRIOR_BLOCKS)
-    return float(max(min(np.sqrt(relief2), model.relief_most_m * per_m), 2e-3))
+    return float(max(min(np.sqrt(relief2), max(model.relief_most_m * per_m, deepest)), 2e-3))
 
 
 def smooth(blocks: Blocks, mean: float, relief: float, model: Model) -> float:
