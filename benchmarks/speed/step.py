@@ -49,7 +49,7 @@ TARGETS = {
 """Lesser processors, as `NUMBA_CPU_NAME` and `NUMBA_CPU_FEATURES`: at 1242x375, 128 disparities."""
 TURN_RAD = 1e-4
 FRAMES = 3
-LEAST_ROUNDS, MOST_ROUNDS, BUDGET_S = 5, 40, 6.0
+LEAST_ROUNDS, MOST_ROUNDS, BUDGET_S = 5, 40, 4.0
 """Turns of a race: as many as fit into the budget."""
 SLOW_EVERY = 5
 """SGBM HH4 takes only one turn of so many."""
