@@ -137,6 +137,8 @@ def test_forced_targets(target: str, tmp_path: Path) -> None:
     forced = {"NUMBA_CPU_NAME": cpu, "NUMBA_CPU_FEATURES": features, "NUMBA_CACHE_DIR": str(tmp_path)}
     chosen = "(shape0 or shape3) and not forced and not 32 and not 128"
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", chosen, __file__]
-    done = subprocess.run(command, env=os.environ | forced, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, env=os.environ | forced | {"PYTEST_ADDOPTS": ""}, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout
     assert " passed" in done.stdout

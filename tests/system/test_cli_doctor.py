@@ -12,7 +12,7 @@ import numba
 import pytest
 
 import roadblock as package
-from roadblock.config import Settings
+from roadblock.config import load_settings
 from roadblock.io.sources import open_source
 from roadblock.pipeline import Pipeline
 
@@ -141,9 +141,9 @@ def test_warm_kernels_leave_nothing_to_compile(roadblock, monkeypatch, street: P
     assert "kernels compiled, or found compiled, in" in findings(ran.out)
     warm = signatures()
     assert warm > 20
-    recording = open_source(street)
+    recording, options = open_source(street), ("refine.level=fast", "low.enabled=true")
     for detector in ("cells", "fast"):
-        pipeline = Pipeline(recording.rig, Settings(detector=detector))
+        pipeline = Pipeline(recording.rig, load_settings(None, [f"detector={detector}", *options]))
         for pair in recording:
             result, _ = pipeline.step(pair)
             assert result.obstacles

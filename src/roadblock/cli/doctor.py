@@ -20,7 +20,7 @@ import typer
 import roadblock
 from roadblock.cli.rig import FormatOption, SizeOption, UnitOption, open_rig
 from roadblock.cli.terminal import progress_bar, show_table
-from roadblock.config import Settings
+from roadblock.config import load_settings
 from roadblock.errors import RoadblockError
 from roadblock.geometry.pose import pose, rotation_from_rotvec
 from roadblock.io.machine import package_commit
@@ -38,6 +38,8 @@ THREADING = {
 WARMED = ("cells", "fast")
 """Detectors whose kernels are compiled ahead."""
 DISPARITIES = (64, 128, 256)
+EXTRAS = ("refine.level=fast", "low.enabled=true")
+"""What is off by default and has kernels."""
 Row = tuple[str, str, str]
 """(ok, missing or FAIL; what; finding)."""
 
@@ -109,9 +111,8 @@ def _warm() -> Iterator[Row]:
     rig, pairs = _small_street()
     with progress_bar() as bar:
         for name, disparities in bar.track(chosen, description="compiling"):
-            settings = Settings(detector=name)
-            cells = settings.cells.model_copy(update={"disparities": disparities})
-            pipeline = Pipeline(rig, settings.model_copy(update={"cells": cells}))
+            options = [f"detector={name}", f"cells.disparities={disparities}", *EXTRAS]
+            pipeline = Pipeline(rig, load_settings(None, options))
             for pair in pairs:
                 pipeline.step(pair)
     yield "ok", "kernels", f"compiled, or found compiled, in {perf_counter() - start:.1f} s"

@@ -8,7 +8,7 @@ from roadblock.config import Settings, make_settings
 from roadblock.detectors import make_detector
 from roadblock.kernels.gray import halve
 from roadblock.values.camera import Rectification
-from roadblock.values.frame import Image, RectifiedPair
+from roadblock.values.frame import Image, RectifiedPair, Window
 from roadblock.values.scene import Detections
 
 D_PX, F_PX, BASELINE_M = 12, 300.0, 0.3
@@ -46,13 +46,17 @@ def test_cells_are_as_wide_as_the_name_says(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CELL_WIDTH_PX)
-def test_of_a_pair_with_half_images_the_right_one_is_never_made(name: str) -> None:
+def test_of_a_pair_with_half_images_the_full_ones_are_never_made(name: str) -> None:
     left, right = wall()
 
-    def refuse() -> Image:
-        raise AssertionError("the full right image was asked for")
+    def middles(window: Window) -> Image:
+        assert [part.step for part in window] == [4, CELL_WIDTH_PX[name]], "the full left image was asked for"
+        return left[window]
 
-    pair = RectifiedPair.deferred(lambda window: left[window], refuse, (halve(left), halve(right)), TWIN)
+    def refuse(window: Window) -> Image:
+        raise AssertionError(f"the right image was asked for: {window}")
+
+    pair = RectifiedPair.deferred(middles, refuse, (halve(left), halve(right)), TWIN)
     found = make_detector(settings(name))(pair)
     is_wall(found, CELL_WIDTH_PX[name])
     full = make_detector(settings(name))(RectifiedPair(left, right, TWIN))

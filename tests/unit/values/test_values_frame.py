@@ -1,6 +1,7 @@
 """StereoPair, RectifiedPair, DisparityMap: what they hold and what they refuse."""
 
 from dataclasses import FrozenInstanceError
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from roadblock.errors import ValueRefusedError
 from roadblock.values.camera import Rectification
-from roadblock.values.frame import DisparityMap, RectifiedPair, StereoPair
+from roadblock.values.frame import DisparityMap, RectifiedPair, StereoPair, Window
 
 TWIN = Rectification(83.0, 41.7, 34.2, 0.2, (97, 61))
 
@@ -66,13 +67,11 @@ def test_a_deferred_pair_makes_its_full_images_once_and_when_looked_at() -> None
     mine = {"left": np.full((61, 97, 3), 3, np.uint8), "right": np.full((61, 97, 3), 4, np.uint8)}
     made: list[str] = []
 
-    def make(side: str) -> np.ndarray:
+    def make(side: str, window: Window) -> np.ndarray:
         made.append(side)
-        return mine[side]
+        return mine[side][window]
 
-    pair = RectifiedPair.deferred(
-        lambda window: make("left")[window], lambda window: make("right")[window], half, TWIN, 4, "000004", 123
-    )
+    pair = RectifiedPair.deferred(partial(make, "left"), partial(make, "right"), half, TWIN, 4, "000004", 123)
     assert (pair.index, pair.name, pair.t_ns, pair.rectification) == (4, "000004", 123, TWIN)
     assert pair.half == half
     assert made == []
