@@ -4,6 +4,8 @@ A road is `y = h + s*z + t*x` in the car frame (x right, y down, z forward, metr
 A plane in the world is a plane in (u, v, d), where noise is even: so planes are judged in pixels.
 """
 
+from typing import Any
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -178,7 +180,7 @@ def draw_plane(
     fb, near, side, _ = scales
     rays = np.empty((4, n), np.float32)
     near_points = np.empty((n, 4))
-    m = np.int64(0)  # for a plain 0, `support` and `fit_plane` would be compiled a second time
+    m: Any = np.int64(0)  # for a plain 0, `support` and `fit_plane` would be compiled a second time
     for i in range(n):
         x, y, z, d = points[i]
         if z < near:
