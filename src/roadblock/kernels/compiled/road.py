@@ -18,6 +18,7 @@ from roadblock.kernels.reference.road import (
     HOLE,
     HOLE_PRICE,
     INCREMENT,
+    JUDGES,
     LEAST_PIVOT,
     LEAST_POINTS,
     LEAST_SPAN,
@@ -42,36 +43,41 @@ def gather_candidates(
     far, side, low, high, slope, step = limits
     rows, columns = d_px.shape
     bins = int(far / step) + 1
-    count = np.zeros(bins, np.int64)
-    stride = np.zeros(bins, np.int64)
+    count = np.zeros(bins, np.int32)
+    place = np.empty(rows * columns, np.int16)
+    for row in range(rows):
+        v = (row * cell_h + (cell_h - 1) / 2 - cy) / f
+        for column in range(columns):
+            d = np.float64(d_px[row, column])
+            z = f * baseline / d
+            x = (column * cell_w + (cell_w - 1) / 2 - cx) / f * z - baseline / 2
+            y = v * z
+            within = (d > 0) & (z < far) & (abs(x) < side) & (y > 0.5 * low) & (y < high + slope * z)
+            i = np.int16(z / step) if within else np.int16(-1)
+            place[row * columns + column] = i
+            if within:
+                count[i] += 1
+    # Every so many of a bin, so that the near road does not outvote the far one.
+    stride = np.empty(bins, np.int32)
+    for i in range(bins):
+        stride[i] = max(1, -(-count[i] // BIN_POINTS))
+        count[i] = 0
     n = 0
-    for second in range(2):
-        if second:
-            for i in range(bins):
-                stride[i] = max(1, -(-count[i] // BIN_POINTS))
-                count[i] = 0
-        for row in range(rows):
-            v = row * cell_h + (cell_h - 1) / 2
-            for column in range(columns):
-                d = d_px[row, column]
-                if not d > 0:
-                    continue
-                z = f * baseline / d
-                if not z < far:
-                    continue
-                u = column * cell_w + (cell_w - 1) / 2
-                x = (u - cx) / f * z - baseline / 2
-                y = (v - cy) / f * z
-                if abs(x) < side and y > 0.5 * low and y < high + slope * z:
-                    i = int(z / step)
-                    count[i] += 1
-                    # Every so many of a bin, so that the near road does not outvote the far one.
-                    if second and count[i] % stride[i] == 0:
-                        points[n, 0] = x
-                        points[n, 1] = y
-                        points[n, 2] = z
-                        points[n, 3] = d
-                        n += 1
+    for cell in range(rows * columns):
+        i = place[cell]
+        if i < 0:
+            continue
+        count[i] += 1
+        if count[i] == stride[i]:
+            count[i] = 0
+            row, column = cell // columns, cell % columns
+            d = np.float64(d_px[row, column])
+            z = f * baseline / d
+            points[n, 0] = (column * cell_w + (cell_w - 1) / 2 - cx) / f * z - baseline / 2
+            points[n, 1] = (row * cell_h + (cell_h - 1) / 2 - cy) / f * z
+            points[n, 2] = z
+            points[n, 3] = d
+            n += 1
     return n
 
 
@@ -192,6 +198,12 @@ def draw_plane(
             m += 1
     if m < minimum:
         return False
+    stride = -(-m // JUDGES)
+    judges = (m + stride - 1) // stride
+    some = np.empty((4, judges), np.float32)
+    for k in range(judges):
+        for j in range(4):
+            some[j, k] = rays[j, k * stride]
     best = np.full((POLISHED, 4), -np.inf)
     candidate = np.empty(3)
     A, b = np.zeros((3, 3)), np.zeros(3)
@@ -217,7 +229,7 @@ def draw_plane(
             candidate[0] = y0 - candidate[1] * z0 - candidate[2] * x0
         if not is_allowed(candidate[0], candidate[1], candidate[2], allowed):
             continue
-        score = support(rays, m, candidate, fb, tolerance_px)
+        score = support(some, judges, candidate, fb, tolerance_px)
         worst = 0
         for k in range(1, POLISHED):
             if best[k, 0] < best[worst, 0]:

@@ -18,6 +18,9 @@ Singles = NDArray[np.float32]
 BIN_POINTS = 200
 """Points of each step ahead that are kept."""
 
+JUDGES = 300
+"""A drawn plane is judged by every so many of the points that no more than this are; a fitted one by all."""
+
 POLISHED = 10
 """The best drawn planes that are fitted before the winner is chosen."""
 
@@ -229,13 +232,14 @@ def draw_plane(
         return False
     x, y, z, d = points.T
     rays = np.stack([x / z, y / z, POINT / (1 + (x / side) ** 2), d]).astype(np.float32)
+    some = rays[:, :: -(-m // JUDGES)]
     best = np.full((POLISHED, 4), -np.inf)
     numbers = _numbers(seed)
     drawn = (_plane_through(points[[next(numbers) % m for _ in range(3)]], near) for _ in range(draws))
     for candidate in [*drawn, prior]:
         if not is_allowed(candidate[0], candidate[1], candidate[2], allowed):
             continue
-        score = support(rays, m, candidate, fb, tolerance_px)
+        score = support(some, some.shape[1], candidate, fb, tolerance_px)
         worst = best[:, 0].argmin()
         if score > best[worst, 0]:
             best[worst] = score, *candidate
