@@ -11,6 +11,7 @@ Beware: numba's cache on disk notices changes of the file that holds a kernel, n
 touch the kernels' file (installers write all files of a new version, so users need nothing).
 """
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -45,9 +46,15 @@ class LanesModel(models.PrimitiveModel):
         super().__init__(dmm, fe_type, ir.VectorType(BYTE, fe_type.n))
 
 
-def in_registers(lanes: NDArray[np.uint8]) -> NDArray[np.bytes_]:
+def in_registers(lanes: NDArray[np.uint8]) -> NDArray[np.void]:
     """Return (..., n) bytes as (...) items of n bytes, without a copy, for `load` and `store`."""
-    return lanes.view(f"S{lanes.shape[-1]}")[..., 0]
+    return lanes.view(_register(lanes.shape[-1]))[..., 0]
+
+
+@cache
+def _register(n: int) -> np.dtype[np.void]:
+    """Return one record type per size: numba knows those again that it has seen, and no other items of n bytes."""
+    return np.dtype([("lanes", np.uint8, (n,))])
 
 
 def _constant(n: int, values: Any) -> ir.Constant:
@@ -89,9 +96,9 @@ def _is_grid(array: Any, item: Any) -> bool:
 @intrinsic
 def load(typing: Any, cells: Any, i: Any, j: Any) -> Any:
     """Return item (i, j) of a two-dimensional array of registers."""
-    if not _is_grid(cells, types.CharSeq):
+    if not _is_grid(cells, types.Record):
         return None
-    lanes = Lanes(cells.dtype.count)
+    lanes = Lanes(cells.dtype.size)
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.load(_address(context, builder, signature, args, lanes.n), align=1)
@@ -102,7 +109,7 @@ def load(typing: Any, cells: Any, i: Any, j: Any) -> Any:
 @intrinsic
 def store(typing: Any, cells: Any, i: Any, j: Any, lanes: Any) -> Any:
     """Write item (i, j) of a two-dimensional array of registers, or n bytes from (i, j) on of one of bytes."""
-    if not (_is_grid(cells, types.CharSeq) or _is_grid(cells, types.Integer)) or not isinstance(lanes, Lanes):
+    if not (_is_grid(cells, types.Record) or _is_grid(cells, types.Integer)) or not isinstance(lanes, Lanes):
         return None
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
