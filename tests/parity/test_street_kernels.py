@@ -211,16 +211,29 @@ def test_description(shape: tuple[int, int], share: float, cell: tuple[int, int]
     assert fast_px == pytest.approx(slow_px, rel=1e-6, nan_ok=True)
 
 
-@pytest.mark.parametrize("cell", CELLS)
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("kind", ["noise", "levels"])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_colour(shape: tuple[int, int], dtype: type, cell: tuple[int, int]) -> None:
-    size = (shape[0] * cell[1] + 3, shape[1] * cell[0] + 2, 3)
-    image = np.random.default_rng(7).integers(0, np.iinfo(dtype).max, size).astype(dtype)
+def test_descriptions_of_some_pieces(shape: tuple[int, int], kind: str) -> None:
+    d_px, z, height, parent = linked(shape, kind)
+    cells, bounds, nearest = np.empty(parent.size, np.int32), np.empty(99, np.int32), np.empty(98)
+    found = reference.gather_pieces(parent, z, height, FB, 1, 9.0, 0.5, 0.1, cells, bounds, nearest)
+    boxes = np.empty((found, 4), np.int32)
+    reference.measure_boxes(cells, bounds, found, shape[1], boxes)
+    order = np.random.default_rng(3).permutation(found)[: found // 2 + 1]
+    image = np.random.default_rng(7).integers(0, 65535, (shape[0] + 1, shape[1] + 2, 3)).astype(np.uint16)
     image.flags.writeable = False
-    cells = some(shape, 0.3, 8)
-    fast = compiled.mean_color(image, cells, shape[1], *cell)
-    np.testing.assert_allclose(fast, reference.mean_color(image, cells, shape[1], *cell), **FLOAT)
+    results = []
+    for kernels in (compiled, reference):
+        uvd, outline = np.full((len(cells), 3), 7.0), np.empty((4 * shape[1] * (found + 1), 2), np.int32)
+        corners, rough, colors = np.empty(len(order) + 1, np.int32), np.empty(len(order)), np.empty((len(order), 3))
+        kernels.describe_pieces(d_px, height, cells, bounds, order, boxes * 4, 4, 4, 0.6, uvd, outline, corners, rough)
+        kernels.mean_colors(image, cells, bounds, order, shape[1], colors)
+        results.append((corners, outline[: corners[-1]], uvd, rough, colors))
+    (*fast, fast_px, fast_rgb), (*slow, slow_px, slow_rgb) = results
+    for a, b in zip(fast, slow, strict=True):
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_allclose(fast_px, slow_px, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(fast_rgb, slow_rgb, **FLOAT)
 
 
 @pytest.mark.parametrize("n", [0, 1, 60])

@@ -32,7 +32,7 @@ def cells(settings: Settings) -> Callable[[RectifiedPair], Detections]:
         clock.append(perf_counter())
         surface = lift(disparity, pair.rectification, ground)
         free_space = find_free_space(surface, ground, settings.segment)
-        colors = pair.left_middles(disparity.cell_px, disparity.cell_height_px)
+        colors = pair.left_colors(disparity.cell_px, disparity.cell_height_px)
         regions = find_regions(surface, colors, ground, settings.segment)
         if settings.low.enabled:
             regions += drop_covered(find_low(pair, ground), regions)

@@ -27,7 +27,7 @@ def dense(settings: Settings) -> Callable[[RectifiedPair], Detections]:
         ground = fit_ground(coarse, pair.rectification, settings.ground)
         clock.append(perf_counter())
         free_space = find_free_space(lift(fine, pair.rectification, ground), ground, settings.segment)
-        colors = pair.left_middles(REGION_CELL_PX, REGION_CELL_PX)
+        colors = pair.left_colors(REGION_CELL_PX, REGION_CELL_PX)
         regions = find_regions(lift(coarse, pair.rectification, ground), colors, ground, settings.segment)
         clock.append(perf_counter())
         spent_ms = (1e3 * np.diff(clock)).tolist()

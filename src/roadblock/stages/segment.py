@@ -3,7 +3,6 @@
 Works on cells, so that a dense map (reduced by `to_cells`) and a matcher that thinks in cells share it.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +26,6 @@ NEAREST_SHARE = 0.15
 """Free space ends at this share of the cells that stand together: the very nearest may be stray ones."""
 MOST_REGIONS = 1000
 """Of one frame; further ones are dropped."""
-NO_COLOR = np.full(3, np.nan)
 
 
 class SegmentSettings(BaseModel):
@@ -139,7 +137,7 @@ def _road_ranges(surface: Surface, ground: GroundPlane) -> FloatArray:
 
 
 def find_regions(
-    surface: Surface, colors: Image, ground: GroundPlane | None, settings: SegmentSettings
+    surface: Surface, colors: Image | None, ground: GroundPlane | None, settings: SegmentSettings
 ) -> tuple[Region, ...]:
     """Group the cells that stand on the road.
 
@@ -148,7 +146,7 @@ def find_regions(
     surface
         The cells in space.
     colors
-        (at least rows, at least columns) pixel of the rectified left image in the middle of each cell.
+        (at least rows, at least columns, 3) pixel of the rectified left image in the middle of each cell; None if grey.
     ground
         The road; without one, everything in reach counts.
     settings
@@ -192,10 +190,44 @@ def find_regions(
     order = np.argsort(nearest[:found])
     kept = np.empty(found, bool)
     kernels.drop_hidden(boxes[order], (np.diff(bounds[: found + 1]) * w * h)[order], kept)
-    parent[:] = -1
-    pieces = [(boxes[i], cells[bounds[i] : bounds[i + 1]]) for i in order[kept]]
+    return _describe(surface, colors, cells, bounds[: found + 1], boxes, order[kept], settings.locking_px)
+
+
+def _describe(
+    surface: Surface,
+    colors: Image | None,
+    cells: NDArray[np.int32],
+    bounds: NDArray[np.int32],
+    boxes: NDArray[np.int32],
+    order: NDArray[np.int64],
+    locking_px: float,
+) -> tuple[Region, ...]:
+    """Return the pieces of `order`, in that order."""
+    disparity = surface.disparity
+    w, h, d_px = disparity.cell_px, disparity.cell_height_px, disparity.d_px
+    uvd, rough_px = np.empty((bounds[-1], 3)), np.empty(len(order))
+    corners = np.empty(len(order) + 1, np.int32)
+    outline = np.empty((4 * int((boxes[order, 2] - boxes[order, 0]).sum()) // w, 2), np.int32)
+    kernels.describe_pieces(
+        d_px, surface.height_m, cells, bounds, order, boxes, w, h, FOOT_M, uvd, outline, corners, rough_px
+    )
+    rgb = np.full((len(order), 3), np.nan)
+    if colors is not None:
+        kernels.mean_colors(colors, cells, bounds, order, d_px.shape[1], rgb)
+        rgb /= 257 if colors.dtype == np.uint16 else 1
+    scatter_px = np.where(np.isfinite(rough_px), rough_px, disparity.sigma_px)
+    sigma_px = np.hypot(locking_px, scatter_px).tolist()
+    ends, starts = bounds[order + 1].tolist(), bounds[order].tolist()
+    turns = corners.tolist()
     return tuple(
-        _region(box, piece, surface, colors, parent, number, settings) for number, (box, piece) in enumerate(pieces)
+        Region(
+            box_px=tuple(box),
+            contour_px=outline[turns[k] : turns[k + 1]],
+            surface_uvd_px=uvd[starts[k] : ends[k]],
+            sigma_d_px=sigma_px[k],
+            color_rgb=rgb[k],
+        )
+        for k, box in enumerate(boxes[order].tolist())
     )
 
 
@@ -205,32 +237,3 @@ def _road_rows(boxes: NDArray[np.int32], range_m: FloatArray, r: Rectification, 
     n_x, n_y, n_z = ground.normal
     y_m = (n_x * x_m + n_z * range_m + ground.height_m - ground.bend_per_m * range_m**2) / -n_y
     return np.asarray(np.clip(np.rint(y_m / range_m * r.f_px + r.cy_px) + 1, 0, r.size_px[1]))
-
-
-def _region(
-    box: NDArray[np.int32],
-    cells: NDArray[np.int32],
-    surface: Surface,
-    colors: Image,
-    member: NDArray[np.int32],
-    number: int,
-    settings: SegmentSettings,
-) -> Region:
-    disparity = surface.disparity
-    d_px, w, h = disparity.d_px, disparity.cell_px, disparity.cell_height_px
-    uvd = np.empty((len(cells), 3))
-    outline = np.empty((2 * (box[2] - box[0]) // w + 2 * d_px.shape[1], 2), np.int32)
-    roughness_px, corners = kernels.describe(
-        d_px, surface.height_m, cells, w, h, FOOT_M, int(box[3]), member, number, uvd, outline
-    )
-    color = NO_COLOR
-    if colors.ndim == 3:
-        color = kernels.mean_color(colors, cells, d_px.shape[1], 1, 1) / (257 if colors.dtype == np.uint16 else 1)
-    scatter_px = roughness_px if math.isfinite(roughness_px) else disparity.sigma_px
-    return Region(
-        box_px=tuple(box.tolist()),
-        contour_px=outline[:corners],
-        surface_uvd_px=uvd,
-        sigma_d_px=math.hypot(settings.locking_px, scatter_px),
-        color_rgb=color,
-    )

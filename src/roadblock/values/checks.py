@@ -29,6 +29,10 @@ def numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     ValueRefusedError
         If it is not made of real numbers (text, booleans and None are none), or has another shape.
     """
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == shape:  # the usual case, at once
+        own = value.copy()
+        own.flags.writeable = False
+        return own
     try:
         array = np.asarray(value)
     except ValueError:  # lists of unequal length

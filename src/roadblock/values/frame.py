@@ -135,11 +135,13 @@ class RectifiedPair:
         """The rectified left image."""
         return self._left()
 
-    def left_middles(self, cell_px: int, cell_height_px: int) -> Image:
-        """Return (rows, columns) pixels of `left`, one in the middle of each cell, without the cost of the others.
+    def left_colors(self, cell_px: int, cell_height_px: int) -> Image | None:
+        """Return (rows, columns, 3) pixels of `left`, one in the middle of each cell, without the cost of the others.
 
-        Cells count from the image's corner; a last one that holds no middle is left out.
+        Cells count from the image's corner; a last one that holds no middle is left out. None where `left` is grey.
         """
+        if self._part((slice(1), slice(1))).ndim == 2:
+            return None
         window = slice(cell_height_px // 2, None, cell_height_px), slice(cell_px // 2, None, cell_px)
         return locked(np.ascontiguousarray(self._part(window)))
 

@@ -251,7 +251,8 @@ class Obstacle:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position_m", finite("position_m", self.position_m, (3,)))
-        object.__setattr__(self, "cov_calib_m2", numbers("cov_calib_m2", self.cov_calib_m2, (3, 3)))
+        if self.cov_calib_m2 is not UNKNOWN_COV:
+            object.__setattr__(self, "cov_calib_m2", numbers("cov_calib_m2", self.cov_calib_m2, (3, 3)))
         object.__setattr__(self, "range_m", positive("range_m", self.range_m))
 
 

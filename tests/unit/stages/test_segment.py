@@ -59,7 +59,7 @@ def test_an_image_smaller_than_a_cell_has_none() -> None:
     tiny = to_cells(DisparityMap(np.ones((3, 9), np.float32), 0.5), 4)
     assert tiny.d_px.shape == (0, 2)
     surface = lift(tiny, TWIN, None)
-    assert find_regions(surface, np.zeros((3, 9), np.uint8), None, SETTINGS) == ()
+    assert find_regions(surface, None, None, SETTINGS) == ()
     free = find_free_space(surface, None, SETTINGS)
     np.testing.assert_array_equal(free.u_px, [1.5, 5.5])
     assert np.isnan(free.range_m).all()
@@ -220,17 +220,16 @@ def test_one_stray_cell_before_a_thing_does_not_move_it() -> None:
 
 # --- regions ----------------------------------------------------------------------------------------------------------
 
-GREY = np.full((DOWN, SIDE), 90, np.uint8)
-
 
 def regions_of(
     disparity: DisparityMap,
     settings: SegmentSettings = SETTINGS,
     ground: GroundPlane | None = GROUND,
-    image: np.ndarray = GREY,
+    image: np.ndarray | None = None,
 ) -> tuple[Region, ...]:
     w, h = disparity.cell_px, disparity.cell_height_px
-    found = find_regions(lift(disparity, TWIN, ground), image[h // 2 :: h, w // 2 :: w], ground, settings)
+    colors = None if image is None else image[h // 2 :: h, w // 2 :: w]
+    found = find_regions(lift(disparity, TWIN, ground), colors, ground, settings)
     for region in found:
         check(region)
     return found
@@ -298,7 +297,7 @@ def test_direct_neighbours_belong_together_though_cells_are_larger_than_the_gap(
     d = np.full((5, 9), 12.0, np.float32)
     for cell in ((4, 4), (8, 4), (64, 64)):
         surface = lift(DisparityMap(d, 0.5, *cell), TWIN, None)
-        (region,) = find_regions(surface, GREY, None, SegmentSettings(gap_px=gap_px, area_px=0))
+        (region,) = find_regions(surface, None, None, SegmentSettings(gap_px=gap_px, area_px=0))
         assert len(region.surface_uvd_px) == d.size
 
 
@@ -313,8 +312,7 @@ def hedge_ranges(from_m: float, to_m: float, settings: SegmentSettings = SETTING
     """Return nearest and farthest range of each piece of a hedge beside the road."""
     slices = tuple(Board(z, -5.0, -4.6, 1.6) for z in np.arange(from_m, to_m, 0.1))
     surface = lift(disparity_of(GROUND, slices, twin=LONG), LONG, GROUND)
-    image = np.zeros((360, 640), np.uint8)
-    depths = [900 * 0.5 / r.surface_uvd_px[:, 2] for r in find_regions(surface, image, GROUND, settings)]
+    depths = [900 * 0.5 / r.surface_uvd_px[:, 2] for r in find_regions(surface, None, GROUND, settings)]
     return [(float(z.min()), float(z.max())) for z in depths]
 
 
@@ -431,14 +429,14 @@ def test_grids_smaller_than_the_gaps_are_linked_all_the_same(shape: tuple[int, i
     d = np.full(shape, 12.0, np.float32)
     surface = lift(DisparityMap(d, 0.5, 4), TWIN, None)
     settings = SegmentSettings(gap_px=32, area_px=0)
-    (region,) = find_regions(surface, GREY, None, settings)
+    (region,) = find_regions(surface, None, None, settings)
     assert len(region.surface_uvd_px) == d.size
 
 
 def test_every_cell_may_stand() -> None:
     disparity = DisparityMap(np.full((2, 2), 9.0, np.float32), 0.5, 4)
     surface = Surface(disparity, TWIN, np.full((2, 2), 5, np.float32), np.ones((2, 2), np.float32))
-    assert len(find_regions(surface, GREY, None, SegmentSettings(area_px=0))) == 1
+    assert len(find_regions(surface, None, None, SegmentSettings(area_px=0))) == 1
 
 
 @pytest.mark.parametrize(

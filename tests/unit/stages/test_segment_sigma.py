@@ -12,7 +12,7 @@ SETTINGS = SegmentSettings(area_px=16, link_px=8)
 def sigma_px(d_px, unknown_px=0.7):
     """The stated sigma of the one region in a map of cells."""
     surface = lift(DisparityMap(d_px.astype(np.float32), unknown_px, 4), RECTIFICATION, None)
-    (region,) = find_regions(surface, np.zeros((160, 240), np.uint8), None, SETTINGS)
+    (region,) = find_regions(surface, None, None, SETTINGS)
     return region.sigma_d_px
 
 

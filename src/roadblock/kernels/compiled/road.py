@@ -44,7 +44,8 @@ def gather_candidates(
     rows, columns = d_px.shape
     bins = int(far / step) + 1
     count = np.zeros(bins, np.int32)
-    place = np.empty(rows * columns, np.int16)
+    place = np.empty(rows * columns, np.int32)
+    i: Any
     for row in range(rows):
         v = (row * cell_h + (cell_h - 1) / 2 - cy) / f
         for column in range(columns):
@@ -53,7 +54,7 @@ def gather_candidates(
             x = (column * cell_w + (cell_w - 1) / 2 - cx) / f * z - baseline / 2
             y = v * z
             within = (d > 0) & (z < far) & (abs(x) < side) & (y > 0.5 * low) & (y < high + slope * z)
-            i = np.int16(z / step) if within else np.int16(-1)
+            i = np.int32(z / step) if within else np.int32(-1)
             place[row * columns + column] = i
             if within:
                 count[i] += 1

@@ -1,5 +1,7 @@
 """What stands on the road, compiled: heights, free space per column, and cells joined to things."""
 
+from typing import Any
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -52,26 +54,28 @@ def raise_cells(
 def find_holes(height: Singles, road_m: Floats, cell_h: int, hides_px_m: float, hole: Floats) -> None:
     """See `reference.street.find_holes`."""
     rows, columns = height.shape
-    seen = np.empty((rows, columns), np.bool_)
-    for row in range(rows):
+    known = np.zeros(columns + 2 * BESIDE, np.uint8)
+    seen = np.empty(columns, np.uint8)
+    length, begin = np.zeros(columns, np.int32), np.zeros(columns)
+    hole[:] = np.inf
+    below_m = 0.0
+    for row in range(rows - 1, -1, -1):
+        if not road_m[row] < np.inf:
+            break
         for column in range(columns):
-            known = False
-            for i in range(max(0, column - BESIDE), min(columns, column + BESIDE + 1)):
-                known |= height[row, i] == height[row, i]
-            seen[row, column] = known
-    for column in range(columns):
-        hole[column] = np.inf
-        length, begin, below_m = 0, 0.0, 0.0
-        for row in range(rows - 1, -1, -1):
-            if not road_m[row] < np.inf:
-                break
-            if length == 0:
-                begin = below_m
-            length = 0 if seen[row, column] else length + cell_h
-            if length * max(begin, road_m[rows - 1]) >= hides_px_m:
-                hole[column] = begin
-                break
-            below_m = road_m[row]
+            known[column + BESIDE] = height[row, column] == height[row, column]
+        seen[:] = 0
+        for i in range(2 * BESIDE + 1):
+            for column in range(columns):
+                seen[column] |= known[column + i]
+        for column in range(columns):
+            if length[column] == 0:
+                begin[column] = below_m
+            length[column] = 0 if seen[column] else length[column] + cell_h
+            hides = length[column] * max(begin[column], road_m[rows - 1]) >= hides_px_m
+            if hides and hole[column] == np.inf:
+                hole[column] = begin[column]
+        below_m = road_m[row]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -88,27 +92,29 @@ def measure_free(
     """See `reference.street.measure_free`."""
     low, high, road = heights
     rows, columns = d_px.shape
-    top = 1
-    for row in range(rows):
-        for column in range(columns):
-            d = d_px[row, column]
-            if d > 0:
-                top = max(top, int(d * BINS_PER_PX) + 1)
-    counts = np.zeros((columns, top + 1), np.int32)
-    roads = np.zeros((columns, top + 1), np.int32)
-    sums = np.zeros((columns, top + 1))
-    road_sums = np.zeros((columns, top + 1))
+    # Of each cell, column by column: its bin if it stands, less than NOTHING if it is road.
+    bins = np.empty((columns, rows), np.int32)
+    k: Any
+    top: Any = 1
     for row in range(rows):
         for column in range(columns):
             d, h = d_px[row, column], height[row, column]
+            k = NOTHING
             if d > 0:
-                k = int(d * BINS_PER_PX)
-                if low < h < high:
-                    counts[column, k] += 1
-                    sums[column, k] += d
-                elif abs(h) < road:
-                    roads[column, k] += 1
-                    road_sums[column, k] += d
+                k = np.int32(d * BINS_PER_PX)
+                top = max(top, k + 1)
+                if not low < h < high:
+                    k = NOTHING - 1 - k if abs(h) < road else NOTHING
+            bins[column, row] = k
+    counts = np.zeros((columns, top + 1), np.int16)
+    roads = np.zeros((columns, top + 1), np.int16)
+    for column in range(columns):
+        for row in range(rows):
+            k = bins[column, row]
+            if k >= 0:
+                counts[column, k] += 1
+            elif k < NOTHING:
+                roads[column, NOTHING - 1 - k] += 1
     standing = np.zeros(top + 1, np.int32)
     seen = np.zeros(top + 1, np.int32)
     behind = np.empty(top + 1, np.int64)
@@ -125,7 +131,7 @@ def measure_free(
                 standing[k] += counts[i, k]
                 seen[k] += roads[i, k]
         free[column] = np.nan
-        at = -1
+        at: Any = np.int64(NOTHING)
         for i in range(top, -1, -1):
             if standing[i] == 0:
                 continue
@@ -141,21 +147,21 @@ def measure_free(
                         at = k
                         break
                 break
-        if at >= 0:
-            total = 0.0
+        if at < 0:
+            passed = 0
+            for k in range(top + 1):
+                passed += seen[k]
+                if passed >= ROAD_CELLS:
+                    at = NOTHING - 1 - k
+                    break
+        if at != NOTHING:
+            total, n = 0.0, 0
             for i in range(first, end):
-                total += sums[i, at]
-            free[column] = fb / (total / standing[at])
-            continue
-        passed = 0
-        for k in range(top + 1):
-            passed += seen[k]
-            if passed >= ROAD_CELLS:
-                total = 0.0
-                for i in range(first, end):
-                    total += road_sums[i, k]
-                free[column] = fb / (total / seen[k])
-                break
+                for row in range(rows):
+                    if bins[i, row] == at:
+                        total += d_px[row, i]
+                        n += 1
+            free[column] = fb / (total / n)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -199,8 +205,10 @@ def link(
                 j = i - step
                 # Beside each other, a wall along the road differs by more than one above the other.
                 near_px = SLANT * link_px if step == 1 else link_px
-                if parent[j] != NOTHING and (
-                    abs(z[row, column - step] - depth) < link_m or abs(d_px[row, column - step] - d) < near_px
+                if (
+                    parent[j] != NOTHING
+                    and parent[j] != mine
+                    and (abs(z[row, column - step] - depth) < link_m or abs(d_px[row, column - step] - d) < near_px)
                 ):
                     other = root(parent, j)
                     if other != mine:
@@ -211,8 +219,10 @@ def link(
                 if step > row:
                     break
                 j = i - step * columns
-                if parent[j] != NOTHING and (
-                    abs(z[row - step, column] - depth) < link_m or abs(d_px[row - step, column] - d) < link_px
+                if (
+                    parent[j] != NOTHING
+                    and parent[j] != mine
+                    and (abs(z[row - step, column] - depth) < link_m or abs(d_px[row - step, column] - d) < link_px)
                 ):
                     other = root(parent, j)
                     if other != mine:
@@ -224,9 +234,13 @@ def link(
                     if column + side < 0 or column + side >= columns:
                         continue
                     j = i - columns + side
-                    if parent[j] != NOTHING and (
-                        abs(z[row - 1, column + side] - depth) < link_m
-                        or abs(d_px[row - 1, column + side] - d) < link_px
+                    if (
+                        parent[j] != NOTHING
+                        and parent[j] != mine
+                        and (
+                            abs(z[row - 1, column + side] - depth) < link_m
+                            or abs(d_px[row - 1, column + side] - d) < link_px
+                        )
                     ):
                         other = root(parent, j)
                         if other != mine:
@@ -318,12 +332,16 @@ def gather_pieces(
     for thing in range(things):
         a, b = firsts[thing], firsts[thing + 1]
         n = b - a
+        least_m, most_m = np.inf, 0.0
         for i in range(n):
             scratch[i] = depths[order[a + i]]
-        near = quantile_of(scratch[:n], DEPTH_SHARES[0])
-        far = quantile_of(scratch[:n], DEPTH_SHARES[1])
-        pieces = int(max(0.0, far - near - 2 * far * far / fb) / split_m) + 1
-        ratio = (far / near) ** (1 / pieces)
+            least_m, most_m = min(least_m, scratch[i]), max(most_m, scratch[i])
+        pieces, near, ratio = 1, 0.0, 1.0
+        if most_m - least_m >= split_m:
+            near = quantile_of(scratch[:n], DEPTH_SHARES[0])
+            far = quantile_of(scratch[:n], DEPTH_SHARES[1])
+            pieces = int(max(0.0, far - near - 2 * far * far / fb) / split_m) + 1
+            ratio = (far / near) ** (1 / pieces)
         edge_low = -np.inf
         for piece in range(pieces):
             edge_high = near * ratio ** (piece + 1) if piece < pieces - 1 else np.inf
@@ -440,15 +458,46 @@ def describe(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def mean_color(image: NDArray[np.uint8], cells: Ints, columns: int, cell_w: int, cell_h: int) -> Floats:
-    """See `reference.street.mean_color`."""
-    total = np.zeros(3)
-    for i in cells:
-        row, column = i // columns, i % columns
-        pixel = image[row * cell_h + cell_h // 2, column * cell_w + cell_w // 2]
-        for channel in range(3):
-            total[channel] += pixel[channel]
-    return total / len(cells)
+def describe_pieces(
+    d_px: Singles,
+    height: Singles,
+    cells: Ints,
+    bounds: Ints,
+    order: NDArray[np.int64],
+    boxes: Ints,
+    cell_w: int,
+    cell_h: int,
+    foot_m: float,
+    uvd: Floats,
+    outline: Ints,
+    corners: Ints,
+    rough_px: Floats,
+) -> None:
+    """See `reference.street.describe_pieces`."""
+    member = np.full(d_px.size, NOTHING, np.int32)
+    corners[0] = 0
+    for k in range(len(order)):
+        piece, at = order[k], corners[k]
+        a, b = bounds[piece], bounds[piece + 1]
+        rough_px[k], n = describe(
+            d_px, height, cells[a:b], cell_w, cell_h, foot_m, boxes[piece, 3], member, k, uvd[a:b], outline[at:]
+        )
+        corners[k + 1] = at + n
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def mean_colors(
+    middles: NDArray[np.uint8], cells: Ints, bounds: Ints, order: NDArray[np.int64], columns: int, colors: Floats
+) -> None:
+    """See `reference.street.mean_colors`."""
+    for k in range(len(order)):
+        a, b = bounds[order[k]], bounds[order[k] + 1]
+        colors[k] = 0
+        for i in range(a, b):
+            pixel = middles[cells[i] // columns, cells[i] % columns]
+            for channel in range(3):
+                colors[k, channel] += pixel[channel]
+        colors[k] /= b - a
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -416,22 +416,73 @@ def _steps(levels: list[int], first_px: int, cell_w: int) -> NDArray[np.int64]:
     return np.stack([left, level, right, level], -1).reshape(-1, 2)
 
 
-def mean_color(image: NDArray[np.uint8], cells: Ints, columns: int, cell_w: int, cell_h: int) -> Floats:
-    """Return (3,) the mean colour of the pixels in the middle of each cell, in the image's own scale.
+def describe_pieces(
+    d_px: Singles,
+    height: Singles,
+    cells: Ints,
+    bounds: Ints,
+    order: NDArray[np.int64],
+    boxes: Ints,
+    cell_w: int,
+    cell_h: int,
+    foot_m: float,
+    uvd: Floats,
+    outline: Ints,
+    corners: Ints,
+    rough_px: Floats,
+) -> None:
+    """Write the samples of some pieces, and their outlines.
 
     Parameters
     ----------
-    image
-        (height, width, 3).
-    cells
-        (n,) cell numbers, n >= 1.
+    d_px, height
+        Of the grid.
+    cells, bounds
+        Of `gather_pieces`.
+    order
+        (n,) numbers of the pieces to describe.
+    boxes
+        (pieces, 4) first column, first row, last column + 1, last row + 1, pixels, down to the road.
+    cell_w, cell_h, foot_m
+        As for `describe`.
+    uvd
+        (cells, 3), written where `cells` are of a described piece; see `describe`.
+    outline
+        (4 per column of each piece or more, 2), written: the outlines, in order.
+    corners
+        (n + 1,), written: where each outline begins, and where the last ends.
+    rough_px
+        (n,), written: the `roughness` of each.
+    """
+    member = np.full(d_px.size, NOTHING)
+    corners[0] = 0
+    for k, piece in enumerate(order):
+        own = slice(bounds[piece], bounds[piece + 1])
+        about = cell_w, cell_h, foot_m, boxes[piece, 3], member, k
+        rough_px[k], n = describe(d_px, height, cells[own], *about, uvd[own], outline[corners[k] :])
+        corners[k + 1] = corners[k] + n
+
+
+def mean_colors(
+    middles: NDArray[np.uint8], cells: Ints, bounds: Ints, order: NDArray[np.int64], columns: int, colors: Floats
+) -> None:
+    """Write the mean colour of some pieces, in the image's own scale.
+
+    Parameters
+    ----------
+    middles
+        (rows or more, columns or more, 3) the pixel in the middle of each cell.
+    cells, bounds
+        Of `gather_pieces`.
+    order
+        (n,) numbers of the pieces.
     columns
         Of the grid.
-    cell_w, cell_h
-        Width and height of a cell, pixels.
+    colors
+        (n, 3), written.
     """
-    row, column = np.divmod(cells, columns)
-    return np.asarray(image[row * cell_h + cell_h // 2, column * cell_w + cell_w // 2].mean(0))
+    for k, piece in enumerate(order):
+        colors[k] = middles[np.divmod(cells[bounds[piece] : bounds[piece + 1]], columns)].mean(0)
 
 
 def drop_hidden(boxes: Ints, areas: Ints, kept: NDArray[np.bool_]) -> None:
