@@ -88,6 +88,10 @@ def run(source: StereoSource, spec: str, settings: Settings, out: Path | None, o
             for pair in source:
                 rig = source.rigs[pair.index] if source.rigs else source.rig
                 pipeline = pipelines[id(rig)]
+                if tally.frames == 0:  # so that no frame's time holds the compiling
+                    progress.update(task, description="warming up (the first time compiles for a minute or two)")
+                    Pipeline(rig, settings).step(pair)
+                    progress.update(task, description="detecting")
                 result, rectified = pipeline.step(pair)
                 if results is not None:
                     results.write(result)
