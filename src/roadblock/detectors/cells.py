@@ -7,7 +7,7 @@ import numpy as np
 
 from roadblock.config import Settings
 from roadblock.kernels.gray import gray8, halve
-from roadblock.stages.ground import fit_ground
+from roadblock.stages.ground import RoadFinder
 from roadblock.stages.low import LowFinder, drop_covered
 from roadblock.stages.match.cells import CellMatcher
 from roadblock.stages.segment import find_free_space, find_regions, lift
@@ -19,8 +19,8 @@ FAST = {"cell_width_px": 8, "p1": 6, "p2": 28}
 
 
 def cells(settings: Settings) -> Callable[[RectifiedPair], Detections]:
-    """Return the detector; its matcher's buffers live as long as it does."""
-    matcher, find_low = CellMatcher(settings.cells), LowFinder(settings.low)
+    """Return the detector; its matcher's buffers and the road of the last frame live as long as it does."""
+    matcher, find_road, find_low = CellMatcher(settings.cells), RoadFinder(settings.ground), LowFinder(settings.low)
 
     def detect(pair: RectifiedPair) -> Detections:
         clock = [perf_counter()]
@@ -28,7 +28,7 @@ def cells(settings: Settings) -> Callable[[RectifiedPair], Detections]:
         found = matcher(left, right)
         disparity = DisparityMap(found.d_px, settings.match.sigma_px, found.cell_width_px, found.cell_height_px)
         clock.append(perf_counter())
-        ground = fit_ground(disparity, pair.rectification, settings.ground)
+        ground = find_road(disparity, pair.rectification, pair.t_ns)
         clock.append(perf_counter())
         surface = lift(disparity, pair.rectification, ground)
         free_space = find_free_space(surface, ground, settings.segment)

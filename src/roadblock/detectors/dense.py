@@ -6,7 +6,7 @@ from time import perf_counter
 import numpy as np
 
 from roadblock.config import Settings
-from roadblock.stages.ground import fit_ground
+from roadblock.stages.ground import RoadFinder
 from roadblock.stages.match import match
 from roadblock.stages.segment import find_free_space, find_regions, lift, to_cells
 from roadblock.values.frame import RectifiedPair
@@ -17,14 +17,15 @@ REGION_CELL_PX, FREE_CELL_PX = 4, 2
 
 
 def dense(settings: Settings) -> Callable[[RectifiedPair], Detections]:
-    """Return the detector."""
+    """Return the detector; the road of the last frame lives as long as it does."""
+    find_road = RoadFinder(settings.ground)
 
     def detect(pair: RectifiedPair) -> Detections:
         clock = [perf_counter()]
         disparity = match(pair, settings.match)
         clock.append(perf_counter())
         coarse, fine = to_cells(disparity, REGION_CELL_PX), to_cells(disparity, FREE_CELL_PX)
-        ground = fit_ground(coarse, pair.rectification, settings.ground)
+        ground = find_road(coarse, pair.rectification, pair.t_ns)
         clock.append(perf_counter())
         free_space = find_free_space(lift(fine, pair.rectification, ground), ground, settings.segment)
         colors = pair.left_colors(REGION_CELL_PX, REGION_CELL_PX)

@@ -24,6 +24,9 @@ BIN_SHARE = 2 / 35
 FADE_SHARE = 4 / 7
 """Of `near_m`: points this far ahead count half."""
 
+MOMENT_NS = 1_000_000_000
+"""Roads further apart in time are strangers."""
+
 
 class GroundSettings(BaseModel):
     """What a road may look like."""
@@ -104,6 +107,28 @@ def fit_ground(
         inlier_share=inlier_share,
         range_m=range_m,
     )
+
+
+class RoadFinder:
+    """`fit_ground`, frame after frame: the road of a moment ago is tried as well.
+
+    Parameters
+    ----------
+    settings
+        Limits of what a road is.
+    """
+
+    def __init__(self, settings: GroundSettings) -> None:
+        self.settings = settings
+        self._before: GroundPlane | None = None
+        self._t_ns = 0
+
+    def __call__(self, disparity: DisparityMap, rectification: Rectification, t_ns: int) -> GroundPlane | None:
+        """Find the road of one frame; `t_ns` says whether the last one was a moment ago (0: single frames)."""
+        is_next = 0 < t_ns - self._t_ns <= MOMENT_NS
+        ground = fit_ground(disparity, rectification, self.settings, before=self._before if is_next else None)
+        self._before, self._t_ns = ground, t_ns
+        return ground
 
 
 def _slopes(ground: GroundPlane | None) -> FloatArray:

@@ -50,7 +50,8 @@ def test_of_a_pair_with_half_images_the_full_ones_are_never_made(name: str) -> N
     left, right = wall()
 
     def middles(window: Window) -> Image:
-        assert [part.step for part in window] == [4, CELL_WIDTH_PX[name]], "the full left image was asked for"
+        steps = [part.step for part in window]
+        assert steps == [4, CELL_WIDTH_PX[name]] or left[window].size == 1, "the full left image was asked for"
         return left[window]
 
     def refuse(window: Window) -> Image:
