@@ -23,6 +23,9 @@ from roadblock.io.sources import open_source
 from roadblock.stages.rectify import plan_rectification
 
 Floats = NDArray[np.float64]
+OFFSET_PX = -0.4
+"""The laser truth of KITTI 2015 lies about so far off the images, for every matcher tried."""
+DETECTORS = ("cells", "fast", "dense")
 
 
 def detect(recording: Path, out: Path, options: list[str]) -> list[dict]:
@@ -31,30 +34,40 @@ def detect(recording: Path, out: Path, options: list[str]) -> list[dict]:
     return read_results(out / RESULTS)
 
 
-def score_2015(data: Path, out: Path) -> list[list[str]]:
-    """Let the outside scorer judge the KITTI 2015 frames."""
+def score_2015(data: Path, out: Path, detector: str) -> list[list[str]]:
+    """Let the outside scorer judge the KITTI 2015 frames, against the truth as it is and with its offset taken off."""
     scorer = data.parent / "tools" / "score_kitti2015.py"
     command = [sys.executable, scorer, "--data", data / "kitti2015", "--obstacles", out / RESULTS, "--json"]
-    s = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-    v, p, f, g = s["vehicles"]["0-50"], s["precision"], s["free_space"], s["ground"]
-    return [
-        ["kitti2015", "moving vehicles found (box and range)", f"{v['found']:.3f}", ">= .78"],
-        ["kitti2015", "box alone", f"{v['box']:.3f}", ">= .92"],
-        ["kitti2015", "precision up to 40 m", f"{p['precision']:.3f}", ">= .90"],
-        ["kitti2015", "phantoms in the corridor", f"{p['corridor_phantoms']}", "0"],
-        ["kitti2015", "duplicates", f"{s['duplicates']}", ""],
-        ["kitti2015", "free space within 0.5 m or 5 %", f"{f['ok']:.3f}", ">= .56"],
-        ["kitti2015", "free space too late", f"{f['late']:.3f}", "<= .14"],
-        ["kitti2015", "free space ended by nothing", f"{f['near']:.3f}", "<= .055"],
-        ["kitti2015", "ground height, median of |error|", f"{g['dh_absmed']:.3f} m", "<= .02 m"],
-        ["kitti2015", "ground pitch, median of |error|", f"{g['dpitch_absmed_deg']:.3f} deg", ""],
+    s, off = (
+        json.loads(subprocess.run([*command, *more], check=True, capture_output=True, text=True).stdout)
+        for more in ((), ("--gt-offset-px", str(OFFSET_PX)))
+    )
+    v, p, f, g, r = s["vehicles"]["0-50"], s["precision"], s["free_space"], s["ground"], s["range"]["0-50"]
+    by_offset = f"{v['found']:.3f}, {off['vehicles']['0-50']['found']:.3f}"
+    rows = [
+        [f"vehicles found (box and range), and with {OFFSET_PX} px", by_offset, ">= .88, .92"],
+        ["box alone", f"{v['box']:.3f}", ">= .95"],
         [
-            "kitti2015",
-            "range within 1 / 2 sigma",
-            f"{s['range']['0-50']['cov1']:.2f} / {s['range']['0-50']['cov2']:.2f}",
-            "",
+            "precision, and without hidden ones",
+            f"{p['precision']:.3f}, {p['precision_excl_hidden']:.3f}",
+            ">= .95, .97",
         ],
+        ["phantoms in the corridor, duplicates", f"{p['corridor_phantoms']}, {s['duplicates']}", "0, <= 2"],
+        [
+            "free space ok / late / near",
+            f"{f['ok']:.3f} / {f['late']:.3f} / {f['near']:.3f}",
+            ">= .65 / <= .09 / <= .04",
+        ],
+        ["ground height, median and worst", f"{g['dh_absmed']:.3f}, {g['dh_absmax']:.3f} m", "<= .02, .08 m"],
+        [
+            "pitch, median and worst",
+            f"{g['dpitch_absmed_deg']:.3f}, {g['dpitch_absmax_deg']:.3f} deg",
+            "<= .08, .3 deg",
+        ],
+        ["range, median of |error|", f"{r['median_abs']:.2f} m", ""],
+        ["range within 1 / 2 sigma", f"{r['cov1']:.2f} / {r['cov2']:.2f}", ""],
     ]
+    return [[f"kitti2015, `{detector}`", *row] for row in rows]
 
 
 def calibration(path: Path) -> dict[str, Floats]:
@@ -143,8 +156,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for name, judge in (("kitti_road", judge_road), ("kitti_raw_0926", judge_velodyne)):
             rows += judge(data, detect(data / name, Path(folder) / name, options))
-        detect(data / "kitti2015", Path(folder) / "kitti2015", options)
-        rows = score_2015(data, Path(folder) / "kitti2015") + rows
+        for detector in reversed(DETECTORS):
+            out = Path(folder) / detector
+            detect(data / "kitti2015", out, ["--detector", detector, *options])
+            rows = score_2015(data, out, detector) + rows
     for row in rows:
         print(*(f"{cell:45}" for cell in row))
     if not options:
@@ -153,7 +168,7 @@ def main() -> None:
             "python benchmarks/accuracy/real.py",
             ["recording", "figure", "measured", "bar"],
             rows,
-            "The `dense` detector, default settings.",
+            "Default settings; `cells` where no detector is named.",
         )
 
 
