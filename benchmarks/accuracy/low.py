@@ -94,7 +94,7 @@ def main() -> None:
             pair = RectifiedPair(shot["left"], shot["right"], RECTIFICATION)
             ground = fitted_ground(pair) if options.fitted else assumed_ground(shot, seed)
             start = time.thread_time()
-            regions = find(pair, ground)
+            regions, _ = find(pair, ground)
             spent_ms.append(1e3 * (time.thread_time() - start))
             if seed % 10 == 0:
                 start = time.thread_time()

@@ -34,8 +34,11 @@ def cells(settings: Settings) -> Callable[[RectifiedPair], Detections]:
         free_space = find_free_space(surface, ground, settings.segment)
         colors = pair.left_colors(disparity.cell_px, disparity.cell_height_px)
         regions = find_regions(surface, colors, ground, settings.segment)
+        doubts: tuple[str, ...] = ()
         if settings.low.enabled:
-            regions += drop_covered(find_low(pair, ground), regions)
+            low, doubt = find_low(pair, ground)
+            regions += drop_covered(low, regions)
+            doubts = (doubt,) if doubt else ()
         clock.append(perf_counter())
         spent_ms = (1e3 * np.diff(clock)).tolist()
         return Detections(
@@ -43,6 +46,7 @@ def cells(settings: Settings) -> Callable[[RectifiedPair], Detections]:
             ground,
             free_space,
             matched_share=float(np.count_nonzero(found.d_px > 0) / max(1, found.d_px.size)),
+            doubts=doubts,
             timings_ms=dict(zip(("match", "ground", "segment"), spent_ms, strict=True)),
         )
 

@@ -26,6 +26,7 @@ def judge(found: Detections, settings: HealthSettings) -> Health:
         reasons.append(f"little of the image could be matched: {share:.0%} (dark, covered, or the rig has moved)")
     if found.ground is None:
         reasons.append("no road found")
+    reasons += found.doubts
     state = "failed" if share < settings.failed_share else "degraded" if reasons else "ok"
     return Health(state, tuple(reasons))
 

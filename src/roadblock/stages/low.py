@@ -30,8 +30,13 @@ NEARER = 0.7
 """Power of range by which nearer patches, which have more pixels, need more evidence, ..."""
 AVERAGED_M = 10.0
 """... up to here: nearer pixels are averaged."""
-KERB_M, KERB_HITS = 2.5, 8
-"""What goes on for longer than this, in so many hits, is a kerb or a verge."""
+KERB_M, KERB_HITS, KERB_OFF_M = 2.0, 5, 0.1
+"""What goes on straight for longer than this, in so many hits no further off, is a kerb or a verge."""
+REPORTED = 0.94
+"""Share of the reach up to which something is reported: beyond, one sees how a kerb goes on."""
+STRAYS = 5
+"""So many weak hits that belong to nothing are images in a wet road, among which nothing can be told."""
+MIRRORS = "the road mirrors: low obstacles cannot be told"
 
 
 class LowSettings(BaseModel):
@@ -39,9 +44,7 @@ class LowSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    enabled: bool = Field(
-        False, description="Look for them at all (experimental: kerbs that cross and wet roads fire)."
-    )
+    enabled: bool = Field(False, description="Look for them at all; costs about a tenth of StereoBM's time.")
     side_m: float = Field(2.5, gt=0, description="Half the width of the corridor.")
     reach_m: tuple[float, float] = Field((5.0, 35.0), description="From here to there, ahead.")
     heights_m: tuple[float, ...] = Field((0.08, 0.14, 0.25), description="Heights that are tried.")
@@ -121,13 +124,13 @@ class LowFinder:
         self.settings = settings or LowSettings()
         self.scratch: dict[int, NDArray[np.float32]] = {}
 
-    def __call__(self, pair: RectifiedPair, ground: GroundPlane | None) -> tuple[Region, ...]:
-        """Return what stands low on the road in the corridor; nothing without a road."""
+    def __call__(self, pair: RectifiedPair, ground: GroundPlane | None) -> tuple[tuple[Region, ...], str | None]:
+        """Return what stands low on the road in the corridor, and why nothing could be told, if so."""
         if ground is None:
-            return ()
+            return (), None
         left, right = (_grey(image) for image in (pair.left, pair.right))
         bands, hits = examine(self, left, right, pair.rectification, ground)
-        return regions_of(bands, hits, pair.left, pair.rectification)
+        return regions_of(bands, hits, pair.left, pair.rectification, REPORTED * self.settings.reach_m[1])
 
     def images(self, c: int, rows: int, width: int) -> NDArray[np.float32]:
         """Return (3, at least rows, width) scratch images of one averaging, made once."""
@@ -284,10 +287,17 @@ def road_offset(
     return np.array([line[0], line[1] - line[0] * v.mean()]), gain
 
 
-def regions_of(bands: list[Band], hits: list[Hit], image: Image, r: Rectification) -> tuple[Region, ...]:
-    """Join hits side by side to regions; what goes on along the road (a kerb, a verge) is none."""
+def regions_of(
+    bands: list[Band], hits: list[Hit], image: Image, r: Rectification, reported_m: float
+) -> tuple[tuple[Region, ...], str | None]:
+    """Join hits side by side to regions; what goes on along the road (a kerb, a verge) is none.
+
+    Returns
+    -------
+    The regions up to `reported_m` ahead, and why there can be none: `MIRRORS`, or None.
+    """
     if not hits:
-        return ()
+        return (), None
     z = np.array([bands[h.band].z_m[h.foot] for h in hits])
     box = np.array([box_of(bands[h.band], h) for h in hits])
     x = (box[:, [0, 2]] - r.cx_px) * z[:, None] / r.f_px
@@ -295,22 +305,36 @@ def regions_of(bands: list[Band], hits: list[Hit], image: Image, r: Rectificatio
     apart = np.abs(z[:, None] - z[None, :])
     noise = z * z / (r.f_px * r.baseline_m)
     near_by = (gap < 0.3 + 0.4 * apart) & (apart < 1.0 + 0.15 * z[:, None] + 0.3 * noise[:, None])
-    _, chain = connected_components(near_by)
     sure = np.array([h.is_sure for h in hits])
+    count, chain = connected_components(near_by)
+    on_kerb = np.zeros(len(hits), bool)
+    for c in range(count):
+        mine = np.flatnonzero(chain == c)
+        on_kerb[mine] = _go_on(z[mine], x[mine].mean(1), noise[mine].max())
+    if np.count_nonzero(~sure & ~on_kerb & ~(near_by & (sure | on_kerb)).any(1)) >= STRAYS:
+        return (), MIRRORS
     _, group = connected_components((gap < 0.15) & (apart < 0.3 + 0.5 * noise[:, None]) & sure & sure[:, None])
     found = []
     for g in range(group.max() + 1):
         mine = np.flatnonzero((group == g) & sure)
-        if len(mine) == 0 or _goes_on(z, x, chain == chain[mine[0]], float(noise[mine].max())):
-            continue
-        found.append(_region([bands[hits[k].band] for k in mine], [hits[k] for k in mine], box[mine], image))
-    return tuple(found)
+        if len(mine) and not on_kerb[mine].any() and np.median(z[mine]) <= reported_m:
+            found.append(_region([bands[hits[k].band] for k in mine], [hits[k] for k in mine], box[mine], image))
+    return tuple(found), None
 
 
-def _goes_on(z_m: FloatArray, x_m: FloatArray, chain: NDArray[np.bool_], noise_m: float) -> bool:
-    """Whether hits line up for long, as those of a kerb or a verge do."""
-    along = max(0.0, float(np.ptp(z_m[chain])) - 0.3 * noise_m)
-    return bool(chain.sum() >= KERB_HITS and np.hypot(along, np.ptp(x_m[chain])) > KERB_M)
+def _go_on(z_m: FloatArray, x_m: FloatArray, noise_m: float) -> NDArray[np.bool_]:
+    """Return which hits lie on a straight line that goes on for long, as those of a kerb or a verge do."""
+    along_m = max(0.0, float(np.ptp(z_m)) - 0.3 * noise_m)
+    if len(z_m) < KERB_HITS or np.hypot(along_m, np.ptp(x_m)) <= KERB_M:
+        return np.zeros(len(z_m), bool)
+    i, j = np.triu_indices(len(z_m), 1)
+    dx, dz = x_m[j] - x_m[i], z_m[j] - z_m[i]
+    length_m = np.hypot(dx, dz)
+    far = length_m > KERB_M / 2
+    i, dx, dz = i[far], (dx[far] / length_m[far])[:, None], (dz[far] / length_m[far])[:, None]
+    off_m = np.abs((x_m - x_m[i, None]) * dz - (z_m - z_m[i, None]) * dx)
+    on = off_m < KERB_OFF_M * np.abs(dz) + (KERB_OFF_M + 0.3 * noise_m) * np.abs(dx)
+    return np.asarray(on[on.sum(1) >= KERB_HITS].any(0))
 
 
 def box_of(b: Band, h: Hit) -> tuple[int, int, int, int]:

@@ -186,6 +186,8 @@ class Detections:
         Per column.
     matched_share
         Share of the image whose disparity is known, 0..1; NaN for a detector that does not match.
+    doubts
+        What it could not tell, and why, in words.
     timings_ms
         Milliseconds per inner stage.
     """
@@ -194,6 +196,7 @@ class Detections:
     ground: GroundPlane | None
     free_space: FreeSpace
     matched_share: float = float("nan")
+    doubts: tuple[str, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
 
 

@@ -39,6 +39,11 @@ def test_the_verdict_says_what_is_wrong(share: float, ground: GroundPlane | None
         assert "\n" not in reason
 
 
+def test_what_a_detector_doubts_is_said() -> None:
+    verdict = judge(Detections((), ROAD, FREE, 0.9, ("it is foggy",)), SETTINGS)
+    assert (verdict.state, verdict.reasons) == ("degraded", ("it is foggy",))
+
+
 def texture(width: int, height: int, seed: int = 0, sigma_px: float = 1.6) -> np.ndarray:
     noise = np.random.default_rng(seed).normal(size=(height, width)).astype(np.float32)
     smooth = cv2.GaussianBlur(noise, (0, 0), sigma_px)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from roadblock.stages.low import LowFinder, LowSettings, drop_covered
+from roadblock.stages.low import MIRRORS, STRAYS, Hit, LowFinder, LowSettings, drop_covered, regions_of
 from roadblock.values.camera import Rectification
 from roadblock.values.frame import RectifiedPair
 from roadblock.values.scene import GroundPlane, Region
@@ -59,7 +59,8 @@ def pair(
 
 
 def test_boxes_are_found_where_they_stand() -> None:
-    found = LowFinder()(pair((8.0, -0.6, 0.15), (14.0, 0.7, 0.2)), ROAD)
+    found, doubt = LowFinder()(pair((8.0, -0.6, 0.15), (14.0, 0.7, 0.2)), ROAD)
+    assert doubt is None
     assert len(found) == 2
     for region, (range_m, x_m, size_m) in zip(
         sorted(found, key=lambda r: -r.box_px[3]), ((8.0, -0.6, 0.15), (14.0, 0.7, 0.2)), strict=True
@@ -77,21 +78,52 @@ def test_boxes_are_found_where_they_stand() -> None:
 @pytest.mark.parametrize("kind", ["bare", "paint", "kerb", "smooth"])
 def test_a_road_is_no_obstacle(kind: str, plane: GroundPlane) -> None:
     shot = pair(paint=kind == "paint", kerb=kind == "kerb", texture_size=0.0 if kind == "smooth" else 1.0)
-    assert LowFinder()(shot, plane) == ()
+    assert LowFinder()(shot, plane) == ((), None)
 
 
 def test_a_wrong_plane_is_put_right_by_the_road() -> None:
     tilt = np.radians(0.15)
     plane = GroundPlane(np.array([0.0, -np.cos(tilt), np.sin(tilt)]), 1.27)
-    assert len(LowFinder()(pair((9.0, 0.2, 0.2)), plane)) == 1
+    assert len(LowFinder()(pair((9.0, 0.2, 0.2)), plane)[0]) == 1
 
 
 def test_without_a_road_nothing_is_said() -> None:
-    assert LowFinder()(pair((8.0, -0.6, 0.15)), None) == ()
+    assert LowFinder()(pair((8.0, -0.6, 0.15)), None) == ((), None)
 
 
 def test_a_road_out_of_sight_says_nothing() -> None:
-    assert LowFinder(LowSettings(reach_m=(0.5, 0.9)))(pair(), ROAD) == ()
+    assert LowFinder(LowSettings(reach_m=(0.5, 0.9)))(pair(), ROAD) == ((), None)
+
+
+def hit_at(range_m: float, x_m: float, is_sure: bool, bands: list) -> Hit:
+    """Return a hit of the finest band that has this range."""
+    number = len(bands) - 1
+    foot = int(np.abs(bands[number].z_m - range_m).argmin())
+    assert bands[number].z_m[foot] == pytest.approx(range_m, rel=0.05)
+    return Hit(number, foot, round(TWIN.cx_px + x_m * TWIN.f_px / range_m), 4, 4, 9.0, is_sure)
+
+
+def test_a_thing_is_told_from_what_goes_on_and_from_images_in_a_wet_road() -> None:
+    bands = LowFinder().bands(TWIN, ROAD)
+    grey = pair().left
+    far_m = 29.0
+
+    def told(*hits: Hit) -> tuple[int, str | None]:
+        regions, doubt = regions_of(bands, list(hits), grey, TWIN, far_m)
+        return len(regions), doubt
+
+    thing = hit_at(21.0, 2.2, True, bands)
+    assert told(thing) == (1, None)
+    assert told(hit_at(30.0, 2.2, True, bands)) == (0, None)
+    kerb = [hit_at(z, -1.2 + 0.1 * (z - 20), z < 22, bands) for z in (20.0, 22.5, 25.0, 27.0, 28.5)]
+    assert told(*kerb) == (0, None)
+    assert told(thing, *kerb) == (1, None)
+    assert told(*kerb[:4]) == (1, None)
+    crooked = [hit_at(z, x, z < 22, bands) for z, x in ((20.0, -1.2), (22.5, 0.2), (25.0, -1.2), (27.0, 0.6))]
+    assert told(*crooked, hit_at(28.5, -1.0, False, bands)) == (1, None)
+    strays = [hit_at(20.0 + 1.5 * k, 1.9 * (-1) ** k, False, bands) for k in range(STRAYS)]
+    assert told(*strays) == (0, MIRRORS)
+    assert told(thing, *strays[:-1])[1] is None
 
 
 def test_colour_and_sixteen_bits_are_taken() -> None:
@@ -100,7 +132,7 @@ def test_colour_and_sixteen_bits_are_taken() -> None:
     deep = [i.astype(np.uint16) * 257 for i in (grey.left, grey.right)]
     finder = LowFinder()
     (one,), (two,), (three,) = (
-        finder(shot, ROAD) for shot in (grey, RectifiedPair(*colored, TWIN), RectifiedPair(*deep, TWIN))
+        finder(shot, ROAD)[0] for shot in (grey, RectifiedPair(*colored, TWIN), RectifiedPair(*deep, TWIN))
     )
     assert one.box_px == two.box_px == three.box_px
     assert 80 < two.color_rgb.mean() < 140
