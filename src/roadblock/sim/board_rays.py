@@ -107,6 +107,14 @@ def meets_edge(pattern: Pattern, x: float, y: float, reach: float) -> bool:
     return False
 
 
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def lamp(pattern: Pattern, slope: FloatArray, x: float, y: float) -> float:
+    """Return how brightly a place on the paper is lit, 1 in the middle."""
+    across = 2 * x / (pattern.width - 2 * RIM_SQUARES) - 1
+    down = 2 * y / (pattern.height - 2 * RIM_SQUARES) - 1
+    return float(max(0.0, 1 + slope[0] * across + slope[1] * down))
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def draw(
     onto: FloatArray,
@@ -135,14 +143,9 @@ def draw(
             dvv = around[2, 1] - 2 * around[1, 1] + around[0, 1]
             duv = (around[2, 2] - around[2, 0] - around[0, 2] + around[0, 0]) / 4
             reach = reach_px * max(abs(du[0]) + abs(dv[0]), abs(du[1]) + abs(dv[1]))
-            lamp = (
-                1
-                + slope[0] * (2 * x / (pattern.width - 2 * RIM_SQUARES) - 1)
-                + slope[1] * (2 * y / (pattern.height - 2 * RIM_SQUARES) - 1)
-            )
             if not meets_edge(pattern, x, y, reach):
                 if on_paper(pattern, x, y):
-                    light[v, u] = lamp * (BLACK if is_black(pattern, x, y) else WHITE)
+                    light[v, u] = lamp(pattern, slope, x, y) * (BLACK if is_black(pattern, x, y) else WHITE)
                 continue
             total = 0.0
             for i in range(places.shape[1]):
@@ -150,7 +153,7 @@ def draw(
                 px = x + a * du[0] + b * dv[0] + a * a / 2 * duu[0] + b * b / 2 * dvv[0] + a * b * duv[0]
                 py = y + a * du[1] + b * dv[1] + a * a / 2 * duu[1] + b * b / 2 * dvv[1] + a * b * duv[1]
                 if on_paper(pattern, px, py):
-                    total += lamp * (BLACK if is_black(pattern, px, py) else WHITE)
+                    total += lamp(pattern, slope, px, py) * (BLACK if is_black(pattern, px, py) else WHITE)
                 else:
                     total += behind[v, u]
             light[v, u] = total / places.shape[1]

@@ -191,6 +191,14 @@ def test_light_on_the_board_is_uneven() -> None:
         assert (np.ptp(paper) > 0.05) == (shade > 0)
 
 
+@pytest.mark.parametrize("turned", [(1.45, 0.3, 0.0), (-0.2, 1.5, 0.1), (1.0, -1.2, 0.2), (0.0, -1.52, 0.0)])
+def test_light_is_never_negative_on_a_board_seen_edge_on(turned: tuple[float, float, float]) -> None:
+    """Of which the square root would be NaN, as a warning says."""
+    for seed in range(3):
+        state = np.random.default_rng(seed)
+        render_board(RIG, CHESS, held(CHESS, turned, (0.02, -0.01, 0.15)), state, shade=0.5, samples=16)
+
+
 @pytest.mark.parametrize("board", [CHESS, CIRCLES])
 def test_poses_are_varied_and_both_cameras_see_the_whole_board(board: Board) -> None:
     poses = calibration_poses(RIG, board, rng(), 40)
