@@ -4,8 +4,7 @@ Cubes of 15 cm, as grey as the asphalt to 20 %, stand at 10, 20 and 30 m, two ea
 roads with nothing on them come in six kinds (`low_world.py`). The ground is the true one with an error of 0.02 m in
 height and 0.08 deg in pitch (one sigma), or with `--fitted` what `fit_ground` makes of SGBM. Settings were chosen on
 cubes 0 to 39 and roads 0 to 119; the figures are of seeds from 1000 on. `--pictures DIR` keeps the pictures,
-`--cubes N` and `--roads N` take fewer; with
-`--first SEED` or `--fitted` nothing is saved.
+`--cubes N` and `--roads N` take fewer; with `--first SEED` or `--fitted` nothing is saved.
 """
 
 import argparse
