@@ -46,7 +46,7 @@ class SegmentSettings(BaseModel):
     locking_px: float = Field(0.25, gt=0, description="Disparity error a whole region shares (pixel locking).")
     free_height_m: tuple[float, float] = Field((0.25, 2.5), description="Heights that end free space.")
     free_area_px: float = Field(32.0, gt=0, description="Area of the cells that end a column's free space.")
-    free_gap_m: float = Field(1.0, gt=0, description="A hole that could hide this height ends free space.")
+    free_gap_m: float = Field(0.35, gt=0, description="A hole that could hide this height leaves a column unknown.")
 
     @field_validator("height_m", "free_height_m")
     @classmethod
@@ -110,8 +110,8 @@ def find_free_space(surface: Surface, ground: GroundPlane | None, settings: Segm
     """Return how far the road is known to be free, per column of cells.
 
     A column ends at the first range where cells of `free_area_px` (of it and its neighbours) stand close together, or
-    where the road was last seen, or before a hole that could hide something of `free_gap_m`. NaN where none of these
-    was observed, and everywhere without a ground.
+    where the road was last seen. NaN where neither was observed, where a hole before it could hide something of
+    `free_gap_m`, and everywhere without a ground.
     """
     disparity, r = surface.disparity, surface.rectification
     w, h = disparity.cell_px, disparity.cell_height_px
@@ -127,7 +127,7 @@ def find_free_space(surface: Surface, ground: GroundPlane | None, settings: Segm
     kernels.measure_free(disparity.d_px, surface.height_m, fb, heights, support, aside, NEAREST_SHARE, range_m)
     hole = np.empty(columns)
     kernels.find_holes(surface.height_m, _road_ranges(surface, ground), h, settings.free_gap_m * r.f_px, hole)
-    return FreeSpace(u_px, np.where(hole < range_m, np.where(hole > 0, hole, np.nan), range_m))
+    return FreeSpace(u_px, np.where(hole < range_m, np.nan, range_m))
 
 
 def _road_ranges(surface: Surface, ground: GroundPlane) -> FloatArray:

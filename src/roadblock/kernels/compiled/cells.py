@@ -5,7 +5,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.kernels import simd
-from roadblock.kernels.reference.cells import BORDER, CELL_ROWS, OUTSIDE, RING, TOP, Bytes, Floats
+from roadblock.kernels.reference.cells import (
+    BLOCK,
+    BORDER,
+    CELL_ROWS,
+    FILL,
+    OUTSIDE,
+    QUIET_SHARE,
+    RING,
+    TOP,
+    Bytes,
+    Floats,
+)
 
 AT_ONCE = 32
 """Pixels that one step of the census takes."""
@@ -254,6 +265,51 @@ def measure_texture(image: Bytes, cell_columns: int, texture: Bytes) -> None:
             for c in range(columns):
                 a = steps[4 * c] + steps[4 * c + 1] + steps[4 * c + 2] + steps[4 * c + 3]
                 texture[r, c] = min(a >> 1, TOP)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def measure_noise(texture: Bytes) -> int:
+    """See `reference.cells.measure_noise`."""
+    counts = np.zeros(256, np.int64)
+    for r in range(texture.shape[0]):
+        for c in range(texture.shape[1]):
+            counts[texture[r, c]] += 1
+    wanted, passed = int(QUIET_SHARE * texture.size), 0
+    for level in range(256):
+        passed += counts[level]
+        if passed > wanted:
+            return level
+    return 0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def drop_weak(
+    texture: Bytes, margin: Bytes, least_texture: int, least_margin: int, blocks: NDArray[np.int16], d_px: Floats
+) -> None:
+    """See `reference.cells.drop_weak`."""
+    rows, columns = texture.shape
+    # The rows are padded by what blocks and their neighbours reach over the border.
+    tall, wide = np.zeros(columns + 2 * BLOCK, np.int16), np.zeros(columns + 2 * FILL, np.int16)
+    for r in range(rows):
+        tall[BLOCK : BLOCK + columns] = 0
+        for i in range(max(0, r - BLOCK), min(rows, r + BLOCK + 1)):
+            row = texture[i]
+            for c in range(columns):
+                tall[c + BLOCK] += np.int16(row[c])
+        for c in range(columns):
+            wide[c + FILL] = np.int16(tall[c] + tall[c + 1] + tall[c + 2])
+        into = blocks[r]
+        for c in range(columns):
+            into[c] = max(max(wide[c], wide[c + 1]), max(wide[c + 2], max(wide[c + 3], wide[c + 4])))
+    least = np.int16((2 * BLOCK + 1) ** 2 * least_texture)
+    for r in range(rows):
+        wide[:] = 0
+        for i in range(max(0, r - FILL), min(rows, r + FILL + 1)):
+            row = blocks[i]
+            for c in range(columns):
+                wide[c] = max(wide[c], row[c])
+        for c in range(columns):
+            d_px[r, c] = np.float32(np.nan) if wide[c] < least or margin[r, c] < least_margin else d_px[r, c]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")

@@ -9,6 +9,7 @@ Kernels write into arrays that the caller owns, so that nothing of the image's s
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float32]
@@ -22,6 +23,12 @@ CELL_ROWS = 2
 OUTSIDE = 3
 """Cost per pixel where the right image ends: less than random codes cost, more than a match."""
 TOP = 255
+BLOCK = 1
+"""Texture is judged in blocks of this many cells to each side of a middle one, ..."""
+FILL = 2
+"""... and carries the cells up to this many cells aside of that: matching fills in smooth paint between edges."""
+QUIET_SHARE = 0.05
+"""The least textured cells of an image, which show little but its noise."""
 
 
 def encode(image: Bytes, codes: Bytes) -> None:
@@ -193,6 +200,45 @@ def measure_texture(image: Bytes, cell_columns: int, texture: Bytes) -> None:
     steps = steps[: rows * CELL_ROWS, : columns * cell_columns]
     total = steps.reshape(rows, CELL_ROWS, columns, cell_columns).sum((1, 3))
     texture[:] = np.minimum(4 * total // (CELL_ROWS * cell_columns), TOP)
+
+
+def measure_noise(texture: Bytes) -> int:
+    """Return the texture that `QUIET_SHARE` of the cells do not exceed: what noise alone gives, or more.
+
+    Parameters
+    ----------
+    texture
+        (cell rows, cell columns) of `measure_texture`.
+    """
+    wanted = int(QUIET_SHARE * texture.size)
+    return int(np.sort(texture, axis=None)[wanted]) if texture.size else 0
+
+
+def drop_weak(
+    texture: Bytes, margin: Bytes, least_texture: int, least_margin: int, blocks: NDArray[np.int16], d_px: Floats
+) -> None:
+    """Set cells that nothing speaks for to NaN: blank ones (smooth, burnt out, covered), and those hardly preferred.
+
+    Parameters
+    ----------
+    texture, margin
+        (cell rows, cell columns) of `measure_texture` and `choose`.
+    least_texture
+        A cell is blank if in no block of cells (`BLOCK`) within `FILL` cells of it the texture reaches this mean.
+        Cells outside the image have none.
+    least_margin
+        Cells with less margin are unknown.
+    blocks
+        (cell rows, cell columns), scratch.
+    d_px
+        (cell rows, cell columns) disparities, changed in place.
+    """
+    rows, columns = texture.shape
+    padded = np.pad(texture.astype(np.int16), BLOCK)
+    side = range(2 * BLOCK + 1)
+    sums = sum((padded[i : i + rows, j : j + columns] for i in side for j in side), np.zeros_like(blocks))
+    blocks[:] = maximum_filter(sums, 2 * FILL + 1, mode="constant") if texture.size else 0
+    d_px[(blocks < (2 * BLOCK + 1) ** 2 * least_texture) | (margin < least_margin)] = np.nan
 
 
 def drop_speckles(d_px: Floats, step_px: float, cells: int, labels: NDArray[np.int32]) -> None:
