@@ -6,13 +6,18 @@ from numpy.typing import NDArray
 
 from roadblock.kernels import simd
 from roadblock.kernels.reference.cells import (
+    ALIKE,
     BLOCK,
     BORDER,
     CELL_ROWS,
     FILL,
+    GOOD,
     OUTSIDE,
+    PATTERN,
     QUIET_SHARE,
+    REPEATS,
     RING,
+    STRIPES,
     TOP,
     Bytes,
     Floats,
@@ -310,6 +315,51 @@ def drop_weak(
                 wide[c] = max(wide[c], row[c])
         for c in range(columns):
             d_px[r, c] = np.float32(np.nan) if wide[c] < least or margin[r, c] < least_margin else d_px[r, c]
+
+
+def drop_repeated(costs: Bytes, texture: Bytes, cell_columns: int, marks: Bytes, d_px: Floats) -> None:
+    """See `reference.cells.drop_repeated`."""
+    _drop_repeated(simd.in_registers(costs), texture, cell_columns, marks, d_px)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _drop_repeated(costs, texture, cell_columns, marks, d_px):  # type: ignore[no-untyped-def]
+    rows, columns = costs.shape
+    lanes = costs.itemsize
+    if rows == 0 or columns == 0:
+        return
+    like = simd.load(costs, 0, 0)
+    everywhere = simd.splat(TOP, like)
+    alike, good = ALIKE * cell_columns // 2, GOOD * cell_columns // 2
+    # As in `_choose`: seen from lane `lanes - k` on, this covers lanes k - 1 .. k + 1.
+    cover = np.zeros((1, 2 * lanes), np.uint8)
+    cover[0, lanes - 1 : lanes + 2] = TOP
+    for r in range(rows):
+        above, below = max(r - 1, 0), min(r + 1, rows - 1)
+        for c in range(columns):
+            marks[r, c] = 0
+            d = d_px[r, c]
+            if not (d > 0 and texture[r, c] >= STRIPES):
+                continue
+            tall = simd.add(simd.add(simd.load(costs, above, c), simd.load(costs, r, c)), simd.load(costs, below, c))
+            near = simd.load_bytes(cover, 0, lanes - np.int64(d * np.float32(0.5) + np.float32(0.5)), like)
+            other = np.int64(simd.least(simd.either(tall, near)))
+            if other > good:
+                continue
+            best = np.int64(simd.least(simd.either(tall, simd.differing(near, everywhere))))
+            marks[r, c] = other <= best + alike
+    repeats = np.zeros(columns + 2 * PATTERN + 1, np.int16)  # column c is at c + PATTERN + 1, after a sum of none
+    for r in range(rows):
+        repeats[:] = 0
+        for i in range(max(0, r - PATTERN), min(rows, r + PATTERN + 1)):
+            row = marks[i]
+            for c in range(columns):
+                repeats[c + PATTERN + 1] += np.int16(row[c])
+        for c in range(1, len(repeats)):
+            repeats[c] += repeats[c - 1]
+        for c in range(columns):
+            if repeats[c + 2 * PATTERN + 1] - repeats[c] >= REPEATS:
+                d_px[r, c] = np.nan
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")

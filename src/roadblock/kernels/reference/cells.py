@@ -9,7 +9,7 @@ Kernels write into arrays that the caller owns, so that nothing of the image's s
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
+from scipy.ndimage import maximum_filter, uniform_filter
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float32]
@@ -27,6 +27,12 @@ BLOCK = 1
 """Texture is judged in blocks of this many cells to each side of a middle one, ..."""
 FILL = 2
 """... and carries the cells up to this many cells aside of that: matching fills in smooth paint between edges."""
+ALIKE, GOOD = 2, 14
+"""A pattern repeats if it fits elsewhere with as few differing bits, give or take, and with this few at most, ..."""
+PATTERN, REPEATS = 3, 8
+"""... in so many cells among those up to `PATTERN` cells aside."""
+STRIPES = 24
+"""Texture of a cell whose pattern can repeat along its row."""
 QUIET_SHARE = 0.05
 """The least textured cells of an image, which show little but its noise."""
 
@@ -239,6 +245,37 @@ def drop_weak(
     sums = sum((padded[i : i + rows, j : j + columns] for i in side for j in side), np.zeros_like(blocks))
     blocks[:] = maximum_filter(sums, 2 * FILL + 1, mode="constant") if texture.size else 0
     d_px[(blocks < (2 * BLOCK + 1) ** 2 * least_texture) | (margin < least_margin)] = np.nan
+
+
+def drop_repeated(costs: Bytes, texture: Bytes, cell_columns: int, marks: Bytes, d_px: Floats) -> None:
+    """Set cells of a pattern that fits at several disparities (a fence's pickets) to NaN.
+
+    The images alone are asked, without the paths: does a cell, with those above and below, fit elsewhere as well?
+
+    Parameters
+    ----------
+    costs
+        (cell rows, cell columns, lanes) of `cost_cells`.
+    texture
+        (cell rows, cell columns) of `measure_texture`.
+    cell_columns
+        Half-resolution columns of a cell, 2 or 4.
+    marks
+        (cell rows, cell columns), scratch.
+    d_px
+        (cell rows, cell columns) disparities, changed in place.
+    """
+    rows, columns, lanes = costs.shape
+    alike, good = ALIKE * cell_columns // 2, GOOD * cell_columns // 2
+    marks[:] = 0
+    for r, c in np.argwhere((d_px > 0) & (texture >= STRIPES)):
+        tall = costs[[max(r - 1, 0), r, min(r + 1, rows - 1)], c].sum(0, dtype=np.int64)
+        k = int(d_px[r, c] * np.float32(0.5) + np.float32(0.5))
+        near = np.abs(np.arange(lanes) - k) <= 1
+        best, other = (int(tall[lanes_].min(initial=TOP)) for lanes_ in (near, ~near))
+        marks[r, c] = other <= min(best + alike, good)
+    near_by = uniform_filter(marks.astype(float), 2 * PATTERN + 1, mode="constant") * (2 * PATTERN + 1) ** 2
+    d_px[np.rint(near_by) >= REPEATS] = np.nan
 
 
 def drop_speckles(d_px: Floats, step_px: float, cells: int, labels: NDArray[np.int32]) -> None:

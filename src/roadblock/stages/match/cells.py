@@ -99,6 +99,7 @@ class CellMatcher:
         noise = max(0, kernels.measure_noise(self._texture) - settings.quiet)
         sure = min(settings.margin + settings.noise_margin * noise, 255)
         kernels.drop_weak(self._texture, self._margin, settings.texture, sure, self._blocks, self._d_px)
+        kernels.drop_repeated(self._costs, self._texture, cell_columns, self._marks, self._d_px)
         smallest = -(-settings.speckle_px2 // (settings.cell_width_px * 4))
         kernels.drop_speckles(self._d_px, settings.speckle_step_px, smallest, self._labels)
         kernels.smooth(self._d_px, settings.smooth_step_px, self._smooth)
@@ -117,6 +118,7 @@ class CellMatcher:
         self._margin = np.empty((rows, columns), np.uint8)
         self._texture = np.empty_like(self._margin)
         self._blocks = np.empty((rows, columns), np.int16)
+        self._marks = np.empty_like(self._margin)
         self._labels = np.empty((2, rows * columns), np.int32)
         self._shape = (height, width)
 
