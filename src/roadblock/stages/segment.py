@@ -9,9 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator
+from scipy.ndimage import minimum_filter1d
 
 from roadblock.geometry.stereo import triangulate
 from roadblock.kernels.compiled import street as kernels
+from roadblock.kernels.reference.street import BESIDE
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.frame import DisparityMap, Image
@@ -25,6 +27,8 @@ ASIDE_PX = 4
 """A column's free space also looks this far to either side."""
 NEAREST_SHARE = 0.15
 """Free space ends at this share of the cells that stand together: the very nearest may be stray ones."""
+CLOSE_SHARE = 0.9
+"""A hole that begins beyond this share of the range lies right before what ends free space, and shortens it."""
 MOST_REGIONS = 1000
 """Of one frame; further ones are dropped."""
 NO_COLOR = np.full(3, np.nan)
@@ -127,7 +131,9 @@ def find_free_space(surface: Surface, ground: GroundPlane | None, settings: Segm
     kernels.measure_free(disparity.d_px, surface.height_m, fb, heights, support, aside, NEAREST_SHARE, range_m)
     hole = np.empty(columns)
     kernels.find_holes(surface.height_m, _road_ranges(surface, ground), h, settings.free_gap_m * r.f_px, hole)
-    return FreeSpace(u_px, np.where(hole < range_m, np.nan, range_m))
+    # A hole was made narrower by what is seen beside it.
+    beside = minimum_filter1d(hole, 2 * BESIDE + 1, mode="nearest")
+    return FreeSpace(u_px, np.where(beside < CLOSE_SHARE * range_m, np.nan, np.minimum(beside, range_m)))
 
 
 def _road_ranges(surface: Surface, ground: GroundPlane) -> FloatArray:

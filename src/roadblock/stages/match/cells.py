@@ -8,8 +8,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from roadblock.errors import ValueRefusedError
 from roadblock.kernels.compiled import cells as kernels
-from roadblock.kernels.reference.cells import CELL_ROWS
+from roadblock.kernels.reference.cells import CELL_ROWS, TOP
 from roadblock.values.frame import Gray
+
+NOISIEST = 3
+"""Noise counts up to here: what has more texture everywhere is textured, not noisy."""
 
 
 class CellSettings(BaseModel):
@@ -96,8 +99,8 @@ class CellMatcher:
         limits = settings.tolerance, settings.margin
         kernels.choose(self._costs, self._sums, *prices, cell_columns, *limits, self._d_px, self._margin)
         kernels.measure_texture(left, cell_columns, self._texture)
-        noise = max(0, kernels.measure_noise(self._texture) - settings.quiet)
-        sure = min(settings.margin + settings.noise_margin * noise, 255)
+        noise = min(max(0, kernels.measure_noise(self._texture) - settings.quiet), NOISIEST)
+        sure = min(settings.margin + settings.noise_margin * noise, TOP)
         kernels.drop_weak(self._texture, self._margin, settings.texture, sure, self._blocks, self._d_px)
         kernels.drop_repeated(self._costs, self._texture, cell_columns, self._marks, self._d_px)
         smallest = -(-settings.speckle_px2 // (settings.cell_width_px * 4))
