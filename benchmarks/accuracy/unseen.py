@@ -47,7 +47,7 @@ def picture(kind: str, seed: int, folder: Path | None) -> dict[str, NDArray[np.f
         return dict(np.load(path))
     made = world(kind, seed)
     seen = photograph(made.scene, RIG, made.effects, seed=seed)
-    assert seen.disparity is not None  # noqa: S101
+    assert seen.disparity is not None
     images = [seen.pair.left.copy(), seen.pair.right.copy()]
     if made.tile is not None:
         side, u0, v0, u1, v1, level = made.tile
@@ -98,7 +98,7 @@ def hidden(shot: dict[str, NDArray[np.float64]]) -> Mask:
 
 
 def road_limit(unseen: Mask, z_m: Floats, height_m: Floats) -> Floats:
-    """Return per column the range of road below its nearest run of unseen pixels that hides `HIDES_M`; infinite if none."""
+    """Return per column the range of road below the first run of unseen pixels that hides `HIDES_M`; or infinity."""
     height, width = unseen.shape
     limit = np.full(width, np.inf)
     road = np.where((height_m < 0.15) & np.isfinite(z_m), z_m, np.nan)

@@ -265,7 +265,7 @@ def drop_repeated(costs: Bytes, texture: Bytes, cell_columns: int, marks: Bytes,
     d_px
         (cell rows, cell columns) disparities, changed in place.
     """
-    rows, columns, lanes = costs.shape
+    rows, _, lanes = costs.shape
     alike, good = ALIKE * cell_columns // 2, GOOD * cell_columns // 2
     marks[:] = 0
     for r, c in np.argwhere((d_px > 0) & (texture >= STRIPES)):
