@@ -70,6 +70,34 @@ def test_paths(shape: tuple[int, int], lanes: int, top: int) -> None:
         np.testing.assert_array_equal(fast, slow)
 
 
+@pytest.mark.parametrize("top", [1, 12, 256])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_weak(shape: tuple[int, int], top: int) -> None:
+    texture, margin = filled(grid(shape, 2), 1, top), filled(grid(shape, 2), 2, 30)
+    assert compiled.measure_noise(texture) == reference.measure_noise(texture)
+    blocks = np.zeros((2, *texture.shape), np.int16)
+    for least in (0, 1, 6, 130):
+        fast, slow = np.ones((2, *texture.shape), np.float32)
+        compiled.drop_weak(texture, margin, least, 4, blocks[0], fast)
+        reference.drop_weak(texture, margin, least, 4, blocks[1], slow)
+        np.testing.assert_array_equal(fast, slow)
+
+
+@pytest.mark.parametrize("top", [1, 7, 64])
+@pytest.mark.parametrize("cell_columns", [2, 4])
+@pytest.mark.parametrize("lanes", LANES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_repeated(shape: tuple[int, int], lanes: int, cell_columns: int, top: int) -> None:
+    places = grid(shape, cell_columns)
+    costs, texture = filled((*places, lanes), 1, top), filled(places, 2)
+    d_px = np.random.default_rng(3).uniform(1, 2 * lanes - 3, places).astype(np.float32)
+    d_px[filled(places, 4, 4) == 0] = np.nan
+    marks, fast, slow = filled((2, *places), 5), d_px.copy(), d_px.copy()
+    compiled.drop_repeated(costs, texture, cell_columns, marks[0], fast)
+    reference.drop_repeated(costs, texture, cell_columns, marks[1], slow)
+    np.testing.assert_array_equal(fast, slow)
+
+
 @pytest.mark.parametrize("top", [1, 5, 256])
 @pytest.mark.parametrize("cell_columns", [2, 4])
 @pytest.mark.parametrize("lanes", LANES)

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator
+from scipy.ndimage import minimum_filter1d
 
 from roadblock.geometry.stereo import triangulate
 from roadblock.kernels.compiled import street as kernels
+from roadblock.kernels.reference.street import BESIDE
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.frame import DisparityMap, Image
@@ -24,6 +26,8 @@ ASIDE_PX = 4
 """A column's free space also looks this far to either side."""
 NEAREST_SHARE = 0.15
 """Free space ends at this share of the cells that stand together: the very nearest may be stray ones."""
+CLOSE_SHARE = 0.9
+"""A hole that begins beyond this share of the range lies right before what ends free space, and shortens it."""
 MOST_REGIONS = 1000
 """Of one frame; further ones are dropped."""
 
@@ -44,7 +48,7 @@ class SegmentSettings(BaseModel):
     locking_px: float = Field(0.25, gt=0, description="Disparity error a whole region shares (pixel locking).")
     free_height_m: tuple[float, float] = Field((0.25, 2.5), description="Heights that end free space.")
     free_area_px: float = Field(32.0, gt=0, description="Area of the cells that end a column's free space.")
-    free_gap_m: float = Field(1.0, gt=0, description="A hole that could hide this height ends free space.")
+    free_gap_m: float = Field(0.35, gt=0, description="A hole that could hide this height leaves a column unknown.")
 
     @field_validator("height_m", "free_height_m")
     @classmethod
@@ -108,8 +112,8 @@ def find_free_space(surface: Surface, ground: GroundPlane | None, settings: Segm
     """Return how far the road is known to be free, per column of cells.
 
     A column ends at the first range where cells of `free_area_px` (of it and its neighbours) stand close together, or
-    where the road was last seen, or before a hole that could hide something of `free_gap_m`. NaN where none of these
-    was observed, and everywhere without a ground.
+    where the road was last seen. NaN where neither was observed, where a hole before it could hide something of
+    `free_gap_m`, and everywhere without a ground.
     """
     disparity, r = surface.disparity, surface.rectification
     w, h = disparity.cell_px, disparity.cell_height_px
@@ -125,7 +129,9 @@ def find_free_space(surface: Surface, ground: GroundPlane | None, settings: Segm
     kernels.measure_free(disparity.d_px, surface.height_m, fb, heights, support, aside, NEAREST_SHARE, range_m)
     hole = np.empty(columns)
     kernels.find_holes(surface.height_m, _road_ranges(surface, ground), h, settings.free_gap_m * r.f_px, hole)
-    return FreeSpace(u_px, np.where(hole < range_m, np.where(hole > 0, hole, np.nan), range_m))
+    # A hole was made narrower by what is seen beside it.
+    beside = minimum_filter1d(hole, 2 * BESIDE + 1, mode="nearest")
+    return FreeSpace(u_px, np.where(beside < CLOSE_SHARE * range_m, np.nan, np.minimum(beside, range_m)))
 
 
 def _road_ranges(surface: Surface, ground: GroundPlane) -> FloatArray:

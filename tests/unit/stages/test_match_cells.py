@@ -31,7 +31,7 @@ def test_a_wall_is_found_where_it_is(half_px: float, width_px: int) -> None:
     assert cells.d_px.shape == cells.margin.shape == cells.texture.shape == (30, 203 // (width_px // 2))
     assert (cells.cell_width_px, cells.cell_height_px) == (width_px, 4)
     inner = cells.d_px[2:-2, int(2 * half_px) // width_px + 4 : -2]
-    assert np.isfinite(inner).mean() > 0.98
+    assert np.isfinite(inner).mean() > 0.95  # so smooth a pattern repeats in places
     assert abs(np.nanmedian(inner) - 2 * half_px) < 0.25
     assert (np.abs(inner - 2 * half_px) > 1).mean() < 0.02
 
@@ -57,6 +57,39 @@ def test_a_fence_has_less_margin_than_a_wall() -> None:
     of_fence, of_wall = (np.median(CellMatcher(settings)(*pair).margin[inner]) for pair in ((fence, fence), wall(10)))
     assert of_fence <= 2 * settings.p2
     assert of_wall > 1.5 * of_fence
+
+
+def test_the_pickets_of_a_fence_are_unknown() -> None:
+    """Between two walls of one disparity, which its own pattern contradicts nowhere: the paths would fill it in."""
+    left, right = wall(10)
+    fence = np.tile(np.array([30, 30, 30, 200, 200, 200], np.uint8), (40, 20))[:, :90]
+    left[10:50, 60:150], right[10:50, 60:150] = fence, fence
+    d_px = CellMatcher(CellSettings(disparities=64))(left, right).d_px
+    assert np.isnan(d_px[7:23, 38:68]).mean() > 0.95
+    assert np.isfinite(d_px[7:23, 82:]).mean() > 0.9
+
+
+@pytest.mark.parametrize("level", [0, 90, 255])
+def test_what_is_blank_is_unknown_however_cheap_it_is_to_fill_in(level: int) -> None:
+    """A tile on one lens, or burnt-out sky, with the noise that a camera adds; 0 and 255 have none."""
+    left, right = wall(10)
+    noise = np.random.default_rng(4).normal(0, 0.0 if level in (0, 255) else 0.5, (2, 40, 90))
+    for image, grain in zip((left, right), noise, strict=True):
+        image[10:50, 60:150] = np.rint(level + grain)
+    settings = CellSettings(disparities=64, margin=0)
+    blank = CellMatcher(settings)(left, right).d_px[9:21, 36:70]
+    assert np.isnan(blank).mean() > 0.99
+    filled_in = CellMatcher(settings.model_copy(update={"texture": 0}))(left, right).d_px[9:21, 36:70]
+    assert np.isfinite(filled_in).any()
+
+
+def test_a_noisy_image_needs_more_margin() -> None:
+    rng, (left, right) = np.random.default_rng(5), wall(10)
+    grain = rng.normal(0, 3, (2, *left.shape))
+    noisy = np.clip(np.rint(np.stack([left, right]) / 8.0 + grain), 0, 255).astype(np.uint8)
+    settings = [CellSettings(disparities=64, noise_margin=extra) for extra in (0, 8, 40)]
+    known = [np.isfinite(CellMatcher(s)(*noisy).d_px).mean() for s in settings]
+    assert known[0] > known[1] > known[2]
 
 
 def test_weak_and_small_things_can_be_dropped() -> None:

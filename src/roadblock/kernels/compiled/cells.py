@@ -5,7 +5,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.kernels import simd
-from roadblock.kernels.reference.cells import BORDER, CELL_ROWS, OUTSIDE, RING, TOP, Bytes, Floats
+from roadblock.kernels.reference.cells import (
+    ALIKE,
+    BLOCK,
+    BORDER,
+    CELL_ROWS,
+    FILL,
+    GOOD,
+    OUTSIDE,
+    PATTERN,
+    QUIET_SHARE,
+    REPEATS,
+    RING,
+    STRIPES,
+    TOP,
+    Bytes,
+    Floats,
+)
 
 AT_ONCE = 32
 """Pixels that one step of the census takes."""
@@ -254,6 +270,96 @@ def measure_texture(image: Bytes, cell_columns: int, texture: Bytes) -> None:
             for c in range(columns):
                 a = steps[4 * c] + steps[4 * c + 1] + steps[4 * c + 2] + steps[4 * c + 3]
                 texture[r, c] = min(a >> 1, TOP)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def measure_noise(texture: Bytes) -> int:
+    """See `reference.cells.measure_noise`."""
+    counts = np.zeros(256, np.int64)
+    for r in range(texture.shape[0]):
+        for c in range(texture.shape[1]):
+            counts[texture[r, c]] += 1
+    wanted, passed = int(QUIET_SHARE * texture.size), 0
+    for level in range(256):
+        passed += counts[level]
+        if passed > wanted:
+            return level
+    return 0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def drop_weak(
+    texture: Bytes, margin: Bytes, least_texture: int, least_margin: int, blocks: NDArray[np.int16], d_px: Floats
+) -> None:
+    """See `reference.cells.drop_weak`."""
+    rows, columns = texture.shape
+    # The rows are padded by what blocks and their neighbours reach over the border.
+    tall, wide = np.zeros(columns + 2 * BLOCK, np.int16), np.zeros(columns + 2 * FILL, np.int16)
+    for r in range(rows):
+        tall[BLOCK : BLOCK + columns] = 0
+        for i in range(max(0, r - BLOCK), min(rows, r + BLOCK + 1)):
+            row = texture[i]
+            for c in range(columns):
+                tall[c + BLOCK] += np.int16(row[c])
+        for c in range(columns):
+            wide[c + FILL] = np.int16(tall[c] + tall[c + 1] + tall[c + 2])
+        into = blocks[r]
+        for c in range(columns):
+            into[c] = max(max(wide[c], wide[c + 1]), max(wide[c + 2], max(wide[c + 3], wide[c + 4])))
+    least = np.int16((2 * BLOCK + 1) ** 2 * least_texture)
+    for r in range(rows):
+        wide[:] = 0
+        for i in range(max(0, r - FILL), min(rows, r + FILL + 1)):
+            row = blocks[i]
+            for c in range(columns):
+                wide[c] = max(wide[c], row[c])
+        for c in range(columns):
+            d_px[r, c] = np.float32(np.nan) if wide[c] < least or margin[r, c] < least_margin else d_px[r, c]
+
+
+def drop_repeated(costs: Bytes, texture: Bytes, cell_columns: int, marks: Bytes, d_px: Floats) -> None:
+    """See `reference.cells.drop_repeated`."""
+    _drop_repeated(simd.in_registers(costs), texture, cell_columns, marks, d_px)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _drop_repeated(costs, texture, cell_columns, marks, d_px):  # type: ignore[no-untyped-def]
+    rows, columns = costs.shape
+    lanes = costs.itemsize
+    if rows == 0 or columns == 0:
+        return
+    like = simd.load(costs, 0, 0)
+    everywhere = simd.splat(TOP, like)
+    alike, good = ALIKE * cell_columns // 2, GOOD * cell_columns // 2
+    # As in `_choose`: seen from lane `lanes - k` on, this covers lanes k - 1 .. k + 1.
+    cover = np.zeros((1, 2 * lanes), np.uint8)
+    cover[0, lanes - 1 : lanes + 2] = TOP
+    for r in range(rows):
+        above, below = max(r - 1, 0), min(r + 1, rows - 1)
+        for c in range(columns):
+            marks[r, c] = 0
+            d = d_px[r, c]
+            if not (d > 0 and texture[r, c] >= STRIPES):
+                continue
+            tall = simd.add(simd.add(simd.load(costs, above, c), simd.load(costs, r, c)), simd.load(costs, below, c))
+            near = simd.load_bytes(cover, 0, lanes - np.int64(d * np.float32(0.5) + np.float32(0.5)), like)
+            other = np.int64(simd.least(simd.either(tall, near)))
+            if other > good:
+                continue
+            best = np.int64(simd.least(simd.either(tall, simd.differing(near, everywhere))))
+            marks[r, c] = other <= best + alike
+    repeats = np.zeros(columns + 2 * PATTERN + 1, np.int16)  # column c is at c + PATTERN + 1, after a sum of none
+    for r in range(rows):
+        repeats[:] = 0
+        for i in range(max(0, r - PATTERN), min(rows, r + PATTERN + 1)):
+            row = marks[i]
+            for c in range(columns):
+                repeats[c + PATTERN + 1] += np.int16(row[c])
+        for c in range(1, len(repeats)):
+            repeats[c] += repeats[c - 1]
+        for c in range(columns):
+            if repeats[c + 2 * PATTERN + 1] - repeats[c] >= REPEATS:
+                d_px[r, c] = np.nan
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")

@@ -9,6 +9,7 @@ Kernels write into arrays that the caller owns, so that nothing of the image's s
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, uniform_filter
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float32]
@@ -22,6 +23,18 @@ CELL_ROWS = 2
 OUTSIDE = 3
 """Cost per pixel where the right image ends: less than random codes cost, more than a match."""
 TOP = 255
+BLOCK = 1
+"""Texture is judged in blocks of this many cells to each side of a middle one, ..."""
+FILL = 2
+"""... and carries the cells up to this many cells aside of that: matching fills in smooth paint between edges."""
+ALIKE, GOOD = 2, 14
+"""A pattern repeats if it fits elsewhere with as few differing bits, give or take, and with this few at most, ..."""
+PATTERN, REPEATS = 3, 8
+"""... in so many cells among those up to `PATTERN` cells aside."""
+STRIPES = 24
+"""Texture of a cell whose pattern can repeat along its row."""
+QUIET_SHARE = 0.05
+"""The least textured cells of an image, which show little but its noise."""
 
 
 def encode(image: Bytes, codes: Bytes) -> None:
@@ -193,6 +206,76 @@ def measure_texture(image: Bytes, cell_columns: int, texture: Bytes) -> None:
     steps = steps[: rows * CELL_ROWS, : columns * cell_columns]
     total = steps.reshape(rows, CELL_ROWS, columns, cell_columns).sum((1, 3))
     texture[:] = np.minimum(4 * total // (CELL_ROWS * cell_columns), TOP)
+
+
+def measure_noise(texture: Bytes) -> int:
+    """Return the texture that `QUIET_SHARE` of the cells do not exceed: what noise alone gives, or more.
+
+    Parameters
+    ----------
+    texture
+        (cell rows, cell columns) of `measure_texture`.
+    """
+    wanted = int(QUIET_SHARE * texture.size)
+    return int(np.sort(texture, axis=None)[wanted]) if texture.size else 0
+
+
+def drop_weak(
+    texture: Bytes, margin: Bytes, least_texture: int, least_margin: int, blocks: NDArray[np.int16], d_px: Floats
+) -> None:
+    """Set cells that nothing speaks for to NaN: blank ones (smooth, burnt out, covered), and those hardly preferred.
+
+    Parameters
+    ----------
+    texture, margin
+        (cell rows, cell columns) of `measure_texture` and `choose`.
+    least_texture
+        A cell is blank if in no block of cells (`BLOCK`) within `FILL` cells of it the texture reaches this mean.
+        Cells outside the image have none.
+    least_margin
+        Cells with less margin are unknown.
+    blocks
+        (cell rows, cell columns), scratch.
+    d_px
+        (cell rows, cell columns) disparities, changed in place.
+    """
+    rows, columns = texture.shape
+    padded = np.pad(texture.astype(np.int16), BLOCK)
+    side = range(2 * BLOCK + 1)
+    sums = sum((padded[i : i + rows, j : j + columns] for i in side for j in side), np.zeros_like(blocks))
+    blocks[:] = maximum_filter(sums, 2 * FILL + 1, mode="constant") if texture.size else 0
+    d_px[(blocks < (2 * BLOCK + 1) ** 2 * least_texture) | (margin < least_margin)] = np.nan
+
+
+def drop_repeated(costs: Bytes, texture: Bytes, cell_columns: int, marks: Bytes, d_px: Floats) -> None:
+    """Set cells of a pattern that fits at several disparities (a fence's pickets) to NaN.
+
+    The images alone are asked, without the paths: does a cell, with those above and below, fit elsewhere as well?
+
+    Parameters
+    ----------
+    costs
+        (cell rows, cell columns, lanes) of `cost_cells`.
+    texture
+        (cell rows, cell columns) of `measure_texture`.
+    cell_columns
+        Half-resolution columns of a cell, 2 or 4.
+    marks
+        (cell rows, cell columns), scratch.
+    d_px
+        (cell rows, cell columns) disparities, changed in place.
+    """
+    rows, _, lanes = costs.shape
+    alike, good = ALIKE * cell_columns // 2, GOOD * cell_columns // 2
+    marks[:] = 0
+    for r, c in np.argwhere((d_px > 0) & (texture >= STRIPES)):
+        tall = costs[[max(r - 1, 0), r, min(r + 1, rows - 1)], c].sum(0, dtype=np.int64)
+        k = int(d_px[r, c] * np.float32(0.5) + np.float32(0.5))
+        near = np.abs(np.arange(lanes) - k) <= 1
+        best, other = (int(tall[lanes_].min(initial=TOP)) for lanes_ in (near, ~near))
+        marks[r, c] = other <= min(best + alike, good)
+    near_by = uniform_filter(marks.astype(float), 2 * PATTERN + 1, mode="constant") * (2 * PATTERN + 1) ** 2
+    d_px[np.rint(near_by) >= REPEATS] = np.nan
 
 
 def drop_speckles(d_px: Floats, step_px: float, cells: int, labels: NDArray[np.int32]) -> None:

@@ -8,8 +8,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from roadblock.errors import ValueRefusedError
 from roadblock.kernels.compiled import cells as kernels
-from roadblock.kernels.reference.cells import CELL_ROWS
+from roadblock.kernels.reference.cells import CELL_ROWS, TOP
 from roadblock.values.frame import Gray
+
+NOISIEST = 3
+"""Noise counts up to here: what has more texture everywhere is textured, not noisy."""
 
 
 class CellSettings(BaseModel):
@@ -23,6 +26,9 @@ class CellSettings(BaseModel):
     p2: int = Field(20, ge=0, le=127, description="Price of a larger change.")
     tolerance: int = Field(2, ge=0, le=255, description="The right view may prefer another cell by this much.")
     margin: int = Field(12, ge=0, le=255, description="Cells whose winner beats the second best by less are unknown.")
+    texture: int = Field(4, ge=0, le=255, description="Where this (4 = a grey level) is not reached, nothing is seen.")
+    quiet: int = Field(5, ge=0, le=255, description="Images whose noise has more texture than this need ...")
+    noise_margin: int = Field(8, ge=0, le=255, description="... so much more margin for each level above it.")
     speckle_px2: int = Field(200, ge=0, description="Islands of less area, in full-resolution px, are dropped.")
     speckle_step_px: float = Field(4.0, ge=0, description="A larger step of disparity ends an island.")
     smooth_step_px: float = Field(
@@ -93,6 +99,10 @@ class CellMatcher:
         limits = settings.tolerance, settings.margin
         kernels.choose(self._costs, self._sums, *prices, cell_columns, *limits, self._d_px, self._margin)
         kernels.measure_texture(left, cell_columns, self._texture)
+        noise = min(max(0, kernels.measure_noise(self._texture) - settings.quiet), NOISIEST)
+        sure = min(settings.margin + settings.noise_margin * noise, TOP)
+        kernels.drop_weak(self._texture, self._margin, settings.texture, sure, self._blocks, self._d_px)
+        kernels.drop_repeated(self._costs, self._texture, cell_columns, self._marks, self._d_px)
         smallest = -(-settings.speckle_px2 // (settings.cell_width_px * 4))
         kernels.drop_speckles(self._d_px, settings.speckle_step_px, smallest, self._labels)
         kernels.smooth(self._d_px, settings.smooth_step_px, self._smooth)
@@ -110,6 +120,8 @@ class CellMatcher:
         self._smooth = np.empty_like(self._d_px)
         self._margin = np.empty((rows, columns), np.uint8)
         self._texture = np.empty_like(self._margin)
+        self._blocks = np.empty((rows, columns), np.int16)
+        self._marks = np.empty_like(self._margin)
         self._labels = np.empty((2, rows * columns), np.int32)
         self._shape = (height, width)
 
