@@ -13,9 +13,9 @@ from roadblock.kernels.reference.refine import (
     LEAST_ENERGY,
     LEAST_NOISE,
     LEAST_WEIGHT,
+    MANY_PIXELS,
     MISFIT,
     MOST_BLOCKS,
-    MANY_PIXELS,
     PHASES,
     PRIOR_BLOCKS,
     ROBUST,
@@ -48,7 +48,7 @@ def refine_regions(left, right, first, uvd, model):  # type: ignore[no-untyped-d
         u0, v0, u1, v1 = boxes[i, 0], boxes[i, 1], boxes[i, 2], boxes[i, 3]
         if u1 <= u0 or v1 <= v0:
             continue
-        b, step, across, down = grid(boxes[i], first[i + 1] - first[i])
+        b, step, across, _ = grid(boxes[i], first[i + 1] - first[i])
         rows, wide = (v1 - v0 + step - 1) // step, across * b + 2 * MARGIN
         most, most_wide = max(most, rows * wide), max(most_wide, wide)
         most_right = max(most_right, rows * (wide + int(near - far) + 8))
@@ -65,7 +65,7 @@ def refine_regions(left, right, first, uvd, model):  # type: ignore[no-untyped-d
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def bounds(uvd, shape, box):  # type: ignore[no-untyped-def]
-    """Fill in (u0, v0, u1, v1), half open, of a region's cells inside the image, and their size; return most, least d."""
+    """Fill in a region's box inside the image, half open, and its cells' size; return the most and least disparity."""
     width, height = 1 << 30, 1 << 30
     for k in range(1, len(uvd)):
         across, down = abs(uvd[k, 0] - uvd[k - 1, 0]), abs(uvd[k, 1] - uvd[k - 1, 1])
@@ -205,7 +205,7 @@ def copy_row(image, v, low, out):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def paint(uvd, box, b, step, across, mask, d, count):  # type: ignore[no-untyped-def]
-    """Fill in the mask (1 inside) and each block's mean coarse disparity and pixels; return pixels, mean, most, least."""
+    """Fill in the mask (1 inside) and the blocks' disparities and pixels; return pixels, mean, most and least."""
     mask[:] = 0
     d[:] = 0
     count[:] = 0
@@ -420,12 +420,12 @@ def survey(left, right):  # type: ignore[no-untyped-def]
     height, width = left.shape
     apart = max(min(height, width) // SURVEYS, 10)
     down, across = max(height - 2, 0) // apart, max(width - 2, 0) // apart
-    levels, n = np.empty(down * across), 0
+    levels, n, zero = np.empty(down * across), 0, np.int64(0)
     sums = np.zeros(4)
     for i in range(down):
         for j in range(across):
             v0, u0 = i * apart + 1, j * apart + 1
-            here, square, there, other_square, rough = 0, 0, 0, 0, 0
+            here, square, there, other_square, rough = zero, zero, zero, zero, zero
             for v in range(v0, v0 + 8):
                 for u in range(u0, u0 + 8):
                     a, b = np.int64(left[v, u]), np.int64(right[v, u])
@@ -439,7 +439,7 @@ def survey(left, right):  # type: ignore[no-untyped-def]
                 n += 1
     noise = max(np.sort(levels[:n])[n // 10], LEAST_NOISE) if n > 0 else 1.0
     pixels = max(64.0 * down * across, 1.0)
-    here = np.sqrt(max(sums[1] / pixels - (sums[0] / pixels) ** 2, 0.0))
-    there = np.sqrt(max(sums[3] / pixels - (sums[2] / pixels) ** 2, 0.0))
-    gain = min(max(here / there, 0.7), 1.4) if min(here, there) > 1 else 1.0
+    ours = np.sqrt(max(sums[1] / pixels - (sums[0] / pixels) ** 2, 0.0))
+    theirs = np.sqrt(max(sums[3] / pixels - (sums[2] / pixels) ** 2, 0.0))
+    gain = min(max(ours / theirs, 0.7), 1.4) if min(ours, theirs) > 1 else 1.0
     return noise, gain

@@ -17,7 +17,7 @@ TAPS, PHASES = 8, 256
 """Taps of the interpolation, and steps of a pixel it is tabulated in."""
 
 BLOCK_PX, MOST_BLOCKS, MANY_PIXELS = 8, 256, 1024
-"""Blocks are so wide and twice as high, and both are doubled, tripled and so on until a region has no more than so many;
+"""Blocks are so wide and twice as high, and both are doubled, tripled ... until a region has no more than so many;
 of a region of n times so many pixels every sqrt(n)th row is looked at."""
 
 ITERATIONS, SWEEPS, SEARCH_PX, FURTHEST_STEP_PX = 5, 4, 2, 0.7
@@ -36,7 +36,7 @@ MISFIT = 8.0
 """What of a block's residuals is not noise is alike in so many neighbouring pixels: so much less do they say."""
 
 SURVEYS, LEAST_NOISE = 9, 0.4
-"""The images are surveyed at so many places along their shorter side; rounding alone makes 0.29 grey levels of noise."""
+"""The images are surveyed at so many places along their shorter side; rounding alone makes 0.29 levels of noise."""
 
 ROBUST, LEAST_WEIGHT = 3.0, 8.0
 """A pixel whose residual is this many standard deviations counts a quarter; and so many pixels must count in all."""
@@ -94,7 +94,7 @@ pixels
 inner
     Share of them that do not lie along the outline.
 core
-    Share of the slopes' energy that is surely no noise and lies CORE_PX inside of the outline: of the thing's own looks.
+    Share of the slopes' energy that is surely no noise and lies CORE_PX inside of the outline: the thing's own.
 coarse_px
     Disparity of the nearest face as the detector saw it, pixels.
 """
@@ -146,8 +146,9 @@ def interpolation() -> NDArray[np.float32]:
 
 @dataclass
 class Blocks:
-    """The blocks of a region, (rows, columns) each: disparity, what the data say of it and how surely, pixel count, and by
-    how much less they say where not noise but something else is left.
+    """The blocks of a region, (rows, columns) each: disparity, what the data say of it and how surely, pixel count.
+
+    `worse` is by how much less the data say where not noise but something else is left.
 
     Each is `side` pixels wide and twice as high; the region itself is `width_px` wide.
     """
@@ -203,7 +204,7 @@ def cell_area(uvd: Floats) -> int:
 
 
 def paint(uvd: Floats, shape: tuple[int, ...]) -> tuple[Floats, NDArray[np.int64]]:
-    """Return images of the coarse disparities, 0 where there is no cell, and of each cell's first pixel (row, column)."""
+    """Return images of the coarse disparities, 0 where there is no cell, and of each cell's first (row, column)."""
     coarse, of_cell, size = np.zeros(shape), np.zeros((*shape, 2), np.int64), cell_size(uvd)
     for u, v, d in uvd:
         column, row = (round(x - (c - 1) / 2) for x, c in zip((u, v), size, strict=True))
@@ -226,7 +227,7 @@ def refine_region(
     if pixels == 0:
         return nothing
     mean = float(coarse[v, u][there].mean())
-    blocks = start_blocks(coarse, of_cell - [v0, u0], v[there], u[there], side, mean)
+    blocks = start_blocks(coarse, of_cell - np.array([v0, u0]), v[there], u[there], side, mean)
     coarse_px = nearest(blocks.d, blocks.count)
     deepest = float(np.sqrt(np.average((blocks.d - mean) ** 2, weights=blocks.count)))
     template, slope, weight, inner, core = template_of(left, u0, v0, coarse, u, v, step, mean, model)
@@ -300,8 +301,8 @@ def template_of(
 ) -> tuple[Floats, Floats, Floats, float, float]:
     """Return the left image's levels, slopes along the row, weights, and the shares inside: of pixels, and of energy.
 
-    Weights are 0 outside and where the camera saw only black or white, and less along the outline: its pixels share what
-    is wrong with them (it lies behind the mean surface, and what is behind it pulls), so all together count as one
+    Weights are 0 outside and where the camera saw only black or white, and less along the outline: its pixels share
+    what is wrong with them (it lies behind the mean surface, and what is behind it pulls), so all together count as one
     measurement with that error.
     """
     x, image = u + u0, left.astype(float)
@@ -441,9 +442,9 @@ def summarize(blocks: Blocks, mean: float, relief: float) -> tuple[float, list[f
 def survey(left: Gray, right: Gray) -> tuple[float, float]:
     """Return the standard deviation of one grey level's noise, and the left image's contrast over the right one's.
 
-    From 8x8 pixels at places all over the images. For the noise a 3x3 difference that neither slopes nor edges along the
-    axes leave anything of (Immerkaer 1996); the quietest tenth of the places that are neither dark nor bright is taken as
-    free of texture. At least LEAST_NOISE; 1 where there are none.
+    From 8x8 pixels at places all over the images. For the noise a 3x3 difference that neither slopes nor edges along
+    the axes leave anything of (Immerkaer 1996); the quietest tenth of the places that are neither dark nor bright is
+    taken as free of texture. At least LEAST_NOISE; 1 where there are none.
     """
     height, width = left.shape
     apart = max(min(height, width) // SURVEYS, 10)
