@@ -37,7 +37,7 @@ def pair(d_px: float, gain: float = 1.0, offset: float = 0.0, noise: float = 1.0
     return RectifiedPair(images[0], images[1], TWIN)
 
 
-def region(d_px: float, sigma_px: float = 0.6, cell: int = 4) -> Region:
+def region(d_px: float, sigma_px: float = 0.8, cell: int = 4) -> Region:
     """Return 10 x 8 cells about the middle of the image."""
     u, v = np.meshgrid(36 + cell * np.arange(10) + (cell - 1) / 2, 16 + cell * np.arange(8) + (cell - 1) / 2)
     uvd = np.stack([u.ravel(), v.ravel(), np.full(u.size, d_px)], -1)

@@ -21,7 +21,7 @@ SETTLED_PX, FARTHEST_PX, LEAST_USED, LEAST_PIXELS, LEAST_INNER = 0.05, 3.0, 0.3,
 share of its pixels, of which there are at least so many and this share inside the outline: what is two pixels wide
 is seen mixed with what is behind it everywhere."""
 
-CONTRADICTS = 4.0
+CONTRADICTS = 3.0
 """The nearest face is no more than so many of the detector's standard deviations from where that saw it."""
 
 MEAN_SPREAD, MEAN_UNSEEN = 0.9, 0.45
