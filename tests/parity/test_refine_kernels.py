@@ -35,19 +35,19 @@ def cells(u0: int, v0: int, columns: int, rows: int, cell: tuple[int, int], d_px
 
 
 REGIONS = [
-    (cells(34, 8, 11, 13, (4, 4), 9.4), (4, 4)),  # the thing, with background around it
-    (cells(40, 12, 3, 9, (8, 4), 7.1), (8, 4)),  # some of it, coarse cells
-    (cells(0, 0, 5, 5, (4, 4), 3.2), (4, 4)),  # at the border: nothing of it is in the right image's taps
-    (cells(93, 57, 1, 1, (4, 4), 3.2), (4, 4)),  # a corner, too small
-    (cells(45, 20, 20, 30, (1, 1), 8.0)[::2], (1, 1)),  # every second pixel
+    cells(34, 8, 11, 13, (4, 4), 9.4),  # the thing, with background around it
+    cells(40, 12, 3, 9, (8, 4), 7.1),  # some of it, coarse cells
+    cells(0, 0, 5, 5, (4, 4), 3.2),  # at the border: nothing of it is in the right image's taps
+    cells(93, 57, 1, 1, (4, 4), 3.2),  # a corner, too small
+    cells(45, 20, 20, 30, (1, 1), 8.0)[::2],  # every second pixel
 ]
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_compiled_kernel_measures_what_the_definition_does(seed: int) -> None:
     left, right = picture(seed)
-    first = np.cumsum([0, *(len(uvd) for uvd, _ in REGIONS)])
-    arguments = (left, right, first, np.concatenate([uvd for uvd, _ in REGIONS]), np.array([c for _, c in REGIONS]))
+    first = np.cumsum([0, *map(len, REGIONS)])
+    arguments = (left, right, first, np.concatenate(REGIONS))
     expected = refine_reference.refine_regions(*arguments, MODEL)
     assert np.isfinite(expected[:2]).all()
     assert expected[0, 0] == pytest.approx(8.3, abs=0.3), "nothing was measured"
@@ -60,10 +60,18 @@ def test_a_large_region_leaves_out_rows_alike(monkeypatch: pytest.MonkeyPatch) -
     rng = np.random.default_rng(0)
     left = rng.integers(90, 160, (140, 180)).astype(np.uint8)
     right = np.roll(left, -7, 1)
-    arguments = (left, right, np.array([0, 120 * 130]), cells(40, 5, 120, 130, (1, 1), 7.4), np.array([[1, 1]]))
+    arguments = (left, right, np.array([0, 120 * 130]), cells(40, 5, 120, 130, (1, 1), 7.4))
     expected = refine_reference.refine_regions(*arguments, MODEL)
     assert expected[0, 0] == pytest.approx(7.0, abs=0.01)
     np.testing.assert_allclose(refine_compiled.refine_regions(*arguments, MODEL), expected, rtol=2e-3, atol=2e-3)
+
+
+@pytest.mark.parametrize("shape", [(97, 130), (40, 61), (9, 9)])
+def test_the_images_are_surveyed_alike(shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(1)
+    left = np.clip(rng.normal(120, 3, shape) + 60 * np.sin(np.arange(shape[1]) / 9), 0, 255).astype(np.uint8)
+    right = (left * 0.9).astype(np.uint8)
+    assert refine_compiled.survey(left, right) == pytest.approx(refine_reference.survey(left, right))
 
 
 def test_interpolation_is_exact_on_whole_pixels_and_close_between() -> None:

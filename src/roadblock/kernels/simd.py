@@ -11,6 +11,7 @@ Beware: numba's cache on disk notices changes of the file that holds a kernel, n
 touch the kernels' file (installers write all files of a new version, so users need nothing).
 """
 
+import operator
 from functools import cache
 from typing import Any
 
@@ -333,3 +334,112 @@ def last(typing: Any, a: Any, n: Any) -> Any:
         return builder.shuffle_vector(args[0], args[0], mask)
 
     return top(a, n), build
+
+
+class Reals(types.Type):
+    """Numba's type of n single-precision numbers in a register; `+`, `-` and `*` work lane by lane."""
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        super().__init__(f"Reals({n})")
+
+
+@register_model(Reals)
+class RealsModel(models.PrimitiveModel):
+    """`Reals` are an LLVM vector, in registers and in memory."""
+
+    def __init__(self, dmm: Any, fe_type: Reals) -> None:
+        super().__init__(dmm, fe_type, ir.VectorType(ir.FloatType(), fe_type.n))
+
+
+EIGHT = Reals(8)
+
+
+@intrinsic
+def load_reals(typing: Any, plane: Any, i: Any, j: Any) -> Any:
+    """Return the eight numbers from (i, j) on, of a two-dimensional C array of float32."""
+    if not _is_grid(plane, types.Float):
+        return None
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        start = _address(context, builder, signature, args, EIGHT.n)
+        return builder.load(builder.bitcast(start, context.get_value_type(EIGHT).as_pointer()), align=4)
+
+    return EIGHT(plane, i, j), build
+
+
+@intrinsic
+def store_reals(typing: Any, plane: Any, i: Any, j: Any, reals: Any) -> Any:
+    """Write eight numbers to (i, j) and on, of a two-dimensional C array of float32."""
+    if not _is_grid(plane, types.Float) or reals != EIGHT:
+        return None
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        start = _address(context, builder, signature, args, EIGHT.n)
+        builder.store(args[3], builder.bitcast(start, context.get_value_type(EIGHT).as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    return types.void(plane, i, j, reals), build
+
+
+@intrinsic
+def eight(typing: Any, number: Any) -> Any:
+    """Return a register with `number` in each of its eight lanes."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        one = context.cast(builder, args[0], signature.args[0], types.float32)
+        vector = ir.VectorType(ir.FloatType(), EIGHT.n)
+        first = builder.insert_element(ir.Constant(vector, ir.Undefined), one, WORD(0))
+        lanes = ir.Constant(ir.VectorType(WORD, EIGHT.n), [0] * EIGHT.n)
+        return builder.shuffle_vector(first, ir.Constant(vector, ir.Undefined), lanes)
+
+    return EIGHT(number), build
+
+
+@intrinsic
+def total(typing: Any, reals: Any) -> Any:
+    """Return the sum of all lanes."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        lanes, n = args[0], reals.n
+        while n > 1:
+            n //= 2
+            halves = [ir.Constant(ir.VectorType(WORD, n), list(range(i, i + n))) for i in (0, n)]
+            low, high = (builder.shuffle_vector(lanes, lanes, half) for half in halves)
+            lanes = builder.fadd(low, high)
+        return builder.extract_element(lanes, WORD(0))
+
+    return (types.float32(reals), build) if isinstance(reals, Reals) else None
+
+
+@intrinsic
+def lesser(typing: Any, a: Any, b: Any) -> Any:
+    """Return the lesser of each two lanes."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.select(builder.fcmp_ordered("<", *args), *args)
+
+    return (a(a, b), build) if isinstance(a, Reals) and a == b else None
+
+
+def _arithmetic(operation: Any, name: str) -> None:
+    """Make an operator of Python LLVM's instruction `name`, free to be contracted with others."""
+
+    def lowered(typing: Any, a: Any, b: Any) -> Any:
+        def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            return getattr(builder, name)(*args, flags=("contract",))
+
+        return (a(a, b), build) if isinstance(a, Reals) and a == b else None
+
+    lowered.__name__ = lowered.__qualname__ = name
+    instruction = intrinsic(lowered)
+
+    @extending.overload(operation)
+    def _(a, b):  # type: ignore[no-untyped-def]  # numba compares the parameters of both
+        return (lambda a, b: instruction(a, b)) if isinstance(a, Reals) and a == b else None
+
+
+_arithmetic(operator.add, "fadd")
+_arithmetic(operator.sub, "fsub")
+_arithmetic(operator.mul, "fmul")
+_arithmetic(operator.truediv, "fdiv")

@@ -218,7 +218,8 @@ class Obstacle:
     uvd_px, cov_uvd_px2
         The measurement and its covariance, pixels.
     cov_match_m2
-        (3, 3) covariance of `position_m` from matching noise: independent from frame to frame.
+        (3, 3) covariance of `position_m` from matching noise, and from where the detector cut the thing out: nearly
+        independent from frame to frame. A foot point moves along the road as its range does.
     box_px, contour_px
         As in `Region`.
     color

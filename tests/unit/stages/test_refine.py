@@ -8,8 +8,9 @@ from stage_examples import TWIN
 
 from roadblock.config import load_settings
 from roadblock.errors import ValueRefusedError
+from roadblock.kernels.compiled.refine import survey
+from roadblock.kernels.reference.refine import cell_size
 from roadblock.stages.refine import RefineSettings, refine
-from roadblock.stages.refine.measure import cell_size, noise_level
 from roadblock.values.frame import RectifiedPair
 from roadblock.values.scene import Refinement, Region
 
@@ -36,7 +37,7 @@ def pair(d_px: float, gain: float = 1.0, offset: float = 0.0, noise: float = 1.0
     return RectifiedPair(images[0], images[1], TWIN)
 
 
-def region(d_px: float, sigma_px: float = 0.6, cell: int = 4) -> Region:
+def region(d_px: float, sigma_px: float = 0.8, cell: int = 4) -> Region:
     """Return 10 x 8 cells about the middle of the image."""
     u, v = np.meshgrid(36 + cell * np.arange(10) + (cell - 1) / 2, 16 + cell * np.arange(8) + (cell - 1) / 2)
     uvd = np.stack([u.ravel(), v.ravel(), np.full(u.size, d_px)], -1)
@@ -50,7 +51,7 @@ def test_the_shift_is_found_whatever_the_start(d_px: float, off_px: float) -> No
     assert found.refined is not None
     assert found.refined.mean_d_px == pytest.approx(d_px, abs=0.03)
     assert abs(found.refined.mean_d_px - d_px) < 4 * found.refined.sigma_mean_d_px
-    assert found.refined.moved_px == pytest.approx(d_px - d_px - off_px, abs=0.03)
+    assert found.refined.moved_px == pytest.approx(-off_px, abs=0.03)
 
 
 def test_off_is_off_and_nothing_is_nothing() -> None:
@@ -101,8 +102,23 @@ def test_noise_is_measured_beside_texture() -> None:
     image = texture(0.0)
     image[:, :40] = 100
     noisy = np.clip(np.rint(image + 2.0 * rng.standard_normal(image.shape)), 0, 255).astype(np.uint8)
-    assert noise_level(noisy) == pytest.approx(2.0, rel=0.25)
-    assert noise_level(np.zeros((40, 40), np.uint8)) == 1.0
+    noise, gain = survey(noisy, (noisy // 2).astype(np.uint8))
+    assert noise == pytest.approx(2.0, rel=0.3)
+    assert gain == 1.4  # which is as far as it goes
+    assert survey(*[np.zeros((40, 40), np.uint8)] * 2) == (1.0, 1.0)
+
+
+@pytest.mark.parametrize("off_px", [-1.2, 0.8])
+def test_what_has_no_texture_of_its_own_is_not_measured_by_what_is_around_it(off_px: float) -> None:
+    """The only texture in the region is that of the background, at another disparity."""
+    scene = pair(6.0)
+    left, right = scene.left.copy(), scene.right.copy()
+    noise = np.random.default_rng(4).normal(0, 1, (2, 32, 36))
+    left[16:48, 38:74] = np.clip(np.rint(120 + noise[0]), 0, 255)
+    right[16:48, 30:66] = np.clip(np.rint(120 + noise[1]), 0, 255)  # 8 px
+    (found,) = refine(RectifiedPair(left, right, TWIN), [region(8.0 + off_px, 1.0)], RefineSettings(level="fast"))
+    if found.refined is not None:
+        assert abs(found.refined.mean_d_px - 8.0) < 3 * found.refined.sigma_mean_d_px
 
 
 def test_a_refinement_without_a_sigma_is_refused() -> None:

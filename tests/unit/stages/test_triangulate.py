@@ -9,7 +9,7 @@ from roadblock.geometry.projection import project, unproject
 from roadblock.geometry.stereo import triangulate
 from roadblock.geometry.uncertainty import calibration_cov, moved_rig
 from roadblock.stages.rectify import plan_rectification
-from roadblock.stages.triangulate import add_calibration_error, locate
+from roadblock.stages.triangulate import FACE_SHARE, add_calibration_error, locate
 from roadblock.values.camera import Camera, RigCovariance, StereoRig, rig_parameters
 from roadblock.values.checks import FloatArray
 from roadblock.values.scene import Obstacle, Region
@@ -104,9 +104,16 @@ def test_a_depth_that_stands_out_is_the_length() -> None:
 @pytest.mark.parametrize("sigma_d_px", [0.05, 0.3])
 @pytest.mark.parametrize("z", [4.0, 8.0, 25.0])
 def test_the_sigma_of_the_range_is_the_one_of_the_disparity_propagated(z: float, sigma_d_px: float) -> None:
+    """And, beside it, what the detector's cut does to the nearest face."""
     found = locate(region(wall(z, 0.0, 1.0, 0.0, 1.0), sigma_d_px), TWIN, GROUND)
-    assert found.range_sigma_m == pytest.approx(z * z / (F * B) * sigma_d_px, rel=1e-9)
-    assert found.cov_uvd_px2[2, 2] == pytest.approx(sigma_d_px**2)
+    face_m = FACE_SHARE * np.sqrt(found.size_m[0] * found.size_m[1])
+    assert found.range_sigma_m == pytest.approx(np.hypot(z * z / (F * B) * sigma_d_px, face_m), rel=1e-9)
+    assert found.cov_uvd_px2[2, 2] == pytest.approx(sigma_d_px**2 + (face_m * F * B / z**2) ** 2)
+
+
+def test_the_nearest_face_of_what_is_deep_is_less_sure() -> None:
+    flat, deep = (locate(region(points, 0.01), TWIN, GROUND) for points in (wall(6.0, 0, 1, 0, 1), slab(6.0, 10.0)))
+    assert deep.range_sigma_m > 3 * flat.range_sigma_m
 
 
 def test_the_measurement_lies_where_the_range_and_the_middle_are() -> None:
@@ -122,7 +129,10 @@ MOUNTING = pose(rotation_from_rotvec([0.4, -0.9, 0.6]), [1.7, 0.3, 1.5])
 def test_the_covariance_is_the_one_of_samples(T_vehicle_car: FloatArray | None) -> None:
     found = locate(region(wall(8.0, 1.0, 2.0, 0.0, 1.6), 0.15), TWIN, GROUND, None, T_vehicle_car)
     rng = np.random.default_rng(1)
-    car = triangulate(TWIN, rng.multivariate_normal(found.uvd_px, found.cov_uvd_px2, 100_000))
+    u, v, d = rng.multivariate_normal(found.uvd_px, found.cov_uvd_px2, 100_000).T
+    x, _, z = np.moveaxis(triangulate(TWIN, np.stack([u, v, d], -1)), -1, 0)
+    road_y = (GROUND.normal[0] * x + GROUND.normal[2] * z + GROUND.height_m) / -GROUND.normal[1]
+    car = np.stack([x, road_y + (v - found.uvd_px[1]) * z / F, z], -1)  # with a farther range, farther on the road
     axes = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]]) if T_vehicle_car is None else T_vehicle_car[:3, :3]
     sampled = np.cov(car @ axes.T, rowvar=False)
     np.testing.assert_allclose(found.cov_match_m2, sampled, rtol=0.05, atol=0.02 * sampled.max())

@@ -1,331 +1,365 @@
-"""Refinement of regions, compiled: see `reference.refine`."""
+"""Refinement of regions, compiled: see `reference.refine`. Eight pixels of a row go through it at a time."""
 
 import numba
 import numpy as np
 
 from roadblock.kernels.reference.refine import (
+    BLOCK_PX,
+    CORE_PX,
     FIGURES,
     FURTHEST_STEP_PX,
     GRADIENT_NOISE,
     ITERATIONS,
-    LEAST_BLOCK_PX,
     LEAST_ENERGY,
+    LEAST_NOISE,
     LEAST_WEIGHT,
+    MANY_PIXELS,
+    MISFIT,
     MOST_BLOCKS,
-    MOST_PIXELS,
     PHASES,
     PRIOR_BLOCKS,
     ROBUST,
     SEARCH_PX,
     SETTLED_PX,
+    SURVEYS,
     SWEEPS,
     TAPS,
     TENTH,
+    WORST_PX,
     interpolation,
 )
+from roadblock.kernels.simd import eight, lesser, load_reals, store_reals, total
 
 FIR = interpolation()
-FAST = {"reassoc", "contract", "nsz", "arcp"}
 N_FIGURES = len(FIGURES)
+MARGIN = TAPS + 8
+"""Columns beside a region that may be looked at."""
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def refine_regions(left, right, first, uvd, cell_px, model):  # type: ignore[no-untyped-def]
-    """Refine regions against the full-resolution pair.
-
-    Parameters
-    ----------
-    left, right
-        (height, width) uint8.
-    first
-        (n + 1,) where each region's samples begin in `uvd`.
-    uvd
-        (m, 3) float64 column, row and disparity of the centre of each cell.
-    cell_px
-        (n, 2) width and height of each region's cells.
-    model
-        A `Model`.
-
-    Returns
-    -------
-    (n, len(FIGURES)) figures; NaN where nothing could be fitted.
-    """
+def refine_regions(left, right, first, uvd, model):  # type: ignore[no-untyped-def]
+    """See `reference.refine.refine_regions`."""
     n = len(first) - 1
     figures = np.full((n, N_FIGURES), np.nan)
-    boxes = np.zeros((n, 4), np.int64)
-    most = 1
+    boxes = np.zeros((n, 6), np.int64)
+    most, most_right, most_wide = 1, 1, 1
     for i in range(n):
-        bounds(uvd[first[i] : first[i + 1]], cell_px[i], left.shape, boxes[i])
-        most = max(most, (boxes[i, 2] - boxes[i, 0]) * (boxes[i, 3] - boxes[i, 1]))
-    planes = np.empty((4, most), np.float32)
-    blocks = np.empty((8, MOST_BLOCKS))
-    row = np.empty(left.shape[1], np.float32)
-    for i in range(n):
-        u0, v0, u1, v1 = boxes[i]
-        if u1 - u0 < 1 or v1 - v0 < 1:
+        near, far = bounds(uvd[first[i] : first[i + 1]], left.shape, boxes[i])
+        u0, v0, u1, v1 = boxes[i, 0], boxes[i, 1], boxes[i, 2], boxes[i, 3]
+        if u1 <= u0 or v1 <= v0:
             continue
-        coarse = planes[0, : (u1 - u0) * (v1 - v0)].reshape(v1 - v0, u1 - u0)
-        paint(uvd[first[i] : first[i + 1]], cell_px[i], boxes[i], coarse)
-        refine_region(left, right, boxes[i], coarse, planes[1:], blocks, row, FIR, model, figures[i])
+        b, step, across, _ = grid(boxes[i], first[i + 1] - first[i])
+        rows, wide = (v1 - v0 + step - 1) // step, across * b + 2 * MARGIN
+        most, most_wide = max(most, rows * wide), max(most_wide, wide)
+        most_right = max(most_right, rows * (wide + int(near - far) + 8))
+    planes = np.empty((4, most), np.float32)
+    beside = np.empty(most_right, np.float32)
+    lines = np.empty((2, most_wide + left.shape[1] + 64), np.float32)
+    blocks = np.empty((8, MOST_BLOCKS))
+    for i in range(n):
+        if boxes[i, 2] > boxes[i, 0] and boxes[i, 3] > boxes[i, 1]:
+            samples = uvd[first[i] : first[i + 1]]
+            refine_region(left, right, boxes[i], samples, planes, beside, lines, blocks, FIR, model, figures[i])
     return figures
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def bounds(uvd, cell_px, shape, box):  # type: ignore[no-untyped-def]
-    """Fill in the box (u0, v0, u1, v1), half open, of a region's cells inside the image."""
+def bounds(uvd, shape, box):  # type: ignore[no-untyped-def]
+    """Fill in a region's box inside the image, half open, and its cells' size; return the most and least disparity."""
+    width, height = 1 << 30, 1 << 30
+    for k in range(1, len(uvd)):
+        across, down = abs(uvd[k, 0] - uvd[k - 1, 0]), abs(uvd[k, 1] - uvd[k - 1, 1])
+        if across > 0:
+            width = min(width, int(across))
+        if down > 0:
+            height = min(height, int(down))
+    one = 1 << 30
+    box[4] = width if width < one else (height if height < one else 1)
+    box[5] = height if height < one else box[4]
     box[0], box[1], box[2], box[3] = shape[1], shape[0], 0, 0
+    near, far = 0.0, 1e9
     for k in range(len(uvd)):
-        u, v = int(np.rint(uvd[k, 0] - (cell_px[0] - 1) / 2)), int(np.rint(uvd[k, 1] - (cell_px[1] - 1) / 2))
+        u, v = int(np.rint(uvd[k, 0] - (box[4] - 1) / 2)), int(np.rint(uvd[k, 1] - (box[5] - 1) / 2))
         box[0], box[1] = min(box[0], max(u, 0)), min(box[1], max(v, 0))
-        box[2], box[3] = max(box[2], min(u + cell_px[0], shape[1])), max(box[3], min(v + cell_px[1], shape[0]))
+        box[2], box[3] = max(box[2], min(u + box[4], shape[1])), max(box[3], min(v + box[5], shape[0]))
+        near, far = max(near, uvd[k, 2]), min(far, uvd[k, 2])
+    return near, max(far, 0.0)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def paint(uvd, cell_px, box, coarse):  # type: ignore[no-untyped-def]
-    """Paint each cell's disparity into the region's box; 0 where there is no cell."""
-    coarse[:] = 0
-    for k in range(len(uvd)):
-        u = int(np.rint(uvd[k, 0] - (cell_px[0] - 1) / 2)) - box[0]
-        v = int(np.rint(uvd[k, 1] - (cell_px[1] - 1) / 2)) - box[1]
-        coarse[max(v, 0) : v + cell_px[1], max(u, 0) : u + cell_px[0]] = max(uvd[k, 2], 1e-3)
+def grid(box, cells):  # type: ignore[no-untyped-def]
+    """Return width of the blocks (they are twice as high), every which row counts, and blocks across and down."""
+    height, width = box[3] - box[1], box[2] - box[0]
+    b = BLOCK_PX
+    while ((height + 2 * b - 1) // (2 * b)) * ((width + b - 1) // b) > MOST_BLOCKS:
+        b += BLOCK_PX
+    step = int(np.ceil(np.sqrt(cells * box[4] * box[5] / MANY_PIXELS)))
+    return b, min(max(step, 1), b), (width + b - 1) // b, (height + 2 * b - 1) // (2 * b)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def refine_region(left, right, box, coarse, planes, blocks, row, fir, model, figures):  # type: ignore[no-untyped-def]
-    """Refine one region: its box, the coarse disparity of its pixels (0 = none), scratch, and where its figures go."""
-    height, width = coarse.shape
-    u0, v0 = box[0], box[1]
-    b = LEAST_BLOCK_PX
-    while ((height + b - 1) // b) * ((width + b - 1) // b) > MOST_BLOCKS:
-        b += 4
-    across = (width + b - 1) // b
-    n = across * ((height + b - 1) // b)
-    d, target, inform, count = blocks[0, :n], blocks[1, :n], blocks[2, :n], blocks[3, :n]
-    sum_gg, sum_ge, sum_ee, sum_w = blocks[4, :n], blocks[5, :n], blocks[6, :n], blocks[7, :n]
-    pixels, mean = start_blocks(coarse, b, across, d, count)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def refine_region(left, right, box, uvd, planes, beside, lines, blocks, fir, model, figures):  # type: ignore[no-untyped-def]
+    """Refine one region: its box, its samples, scratch, and where its figures go."""
+    u0, v0, height = box[0], box[1], box[3] - box[1]
+    b, step, across, down = grid(box, len(uvd))
+    n, rows, wide = across * down, (height + step - 1) // step, across * b + 2 * MARGIN
+    d, target, inform, count, sums = blocks[0, :n], blocks[1, :n], blocks[2, :n], blocks[3, :n], blocks[4:, :n]
+    mask = planes[0, : rows * wide].reshape(rows, wide)
+    template = planes[1, : rows * wide].reshape(rows, wide)
+    slope = planes[2, : rows * wide].reshape(rows, wide)
+    weight = planes[3, : rows * wide].reshape(rows, wide)
+    pixels, mean, near, far = paint(uvd, box, b, step, across, mask, d, count)
     if pixels == 0:
         return
-    step = (pixels + MOST_PIXELS - 1) // MOST_PIXELS
-    size = height * width
-    template = planes[0, :size].reshape(height, width)
-    slope = planes[1, :size].reshape(height, width)
-    weight = planes[2, :size].reshape(height, width)
     noise2 = 2 * model.noise * model.noise
-    inner = fill_template(left, u0, v0, coarse, step, mean, noise2, model, template, slope, weight)
-    coarse_mean = mean
+    coarse_px = nearest(d, count, target)
+    inner, core = fill_template(left, box, step, mean, noise2, model, mask, lines, template, slope, weight)
     deepest = 0.0
     for k in range(n):
         deepest += count[k] * (d[k] - mean) ** 2
     deepest = np.sqrt(deepest / pixels)
-    moved = search(left, right, u0, v0, weight, step, b, across, d)
+    low = u0 - int(np.floor(near)) - MARGIN - 1
+    span = min(u0 + across * b - int(np.floor(far)) + MARGIN - low, lines.shape[1])
+    other = beside[: rows * span].reshape(rows, span)
+    seen = lines[1:2]
+    for j in range(span):
+        seen[0, j] = 1.0 if 0 <= low + j <= right.shape[1] - TAPS else 0.0
+    for k in range(rows):
+        copy_row(right, v0 + k * step, low, other[k])
+    coarse_mean, moved = mean, search(template, mask, other, seen, u0 - low, step, b, across, d, count)
     for k in range(n):
         d[k] += moved
     mean += moved
-    gain, offset, scale2, residual2, last, used = model.gain, 0.0, -1.0, noise2, np.nan, 0.0
-    relief = 0.0
+    gain, offset, scale2, last, used = model.gain, 0.0, -1.0, np.nan, 0.0
+    residual2, relief = noise2, 0.0
     for iteration in range(ITERATIONS):
-        sum_gg[:] = 0
-        sum_ge[:] = 0
-        sum_ee[:] = 0
-        sum_w[:] = 0
-        r_w, r_r, r_rr, r_e, r_er = 0.0, 0.0, 0.0, 0.0, 0.0
-        nearest, farthest = d.max(), d.min()
-        low = max(u0 - int(np.floor(nearest)) - TAPS, 0)
-        high = min(u0 + width - int(np.floor(farthest)) + TAPS, right.shape[1])
-        gain32, offset32 = np.float32(gain), np.float32(offset)
-        robust = np.float32(1 / (ROBUST * ROBUST * scale2)) if scale2 > 0 else np.float32(0)
-        for v in range(0, height, step):
-            for x in range(low, high):
-                row[x] = right[v0 + v, x]
-            for c in range(across):
-                k = (v // b) * across + c
-                if count[k] == 0:
-                    continue
-                whole = int(np.floor(d[k]))
-                base = u0 - whole - TAPS // 2
-                begin = max(c * b, low - base)
-                end = min(min(width, c * b + b), high - TAPS + 1 - base)
-                taps = fir[int(np.floor((1.0 - (d[k] - whole)) * PHASES + 0.5))]
-                gg, ge, ee, w, r, rr, e, er = sums_of_row(
-                    row, taps, base, begin, end, v, template, slope, weight, gain32, offset32, robust
-                )
-                sum_gg[k] += gg
-                sum_ge[k] += ge
-                sum_ee[k] += ee
-                sum_w[k] += w
-                r_w += w
-                r_r += r
-                r_rr += rr
-                r_e += e
-                r_er += er
+        robust = eight(1 / (ROBUST * ROBUST * scale2)) if scale2 > 0 else eight(0.0)
+        gains, offsets, one = eight(gain), eight(offset), eight(1.0)
+        all_r, all_rr, all_e, all_er = eight(0.0), eight(0.0), eight(0.0), eight(0.0)
+        sums[:] = 0
+        for k in range(n):
+            if count[k] == 0:
+                continue
+            i, c = k // across, k % across
+            whole = int(np.floor(d[k]))
+            taps = fir[int(np.floor((1.0 - (d[k] - whole)) * PHASES + 0.5))]
+            t0, t1, t2, t3 = eight(taps[0]), eight(taps[1]), eight(taps[2]), eight(taps[3])
+            t4, t5, t6, t7 = eight(taps[4]), eight(taps[5]), eight(taps[6]), eight(taps[7])
+            s_gg, s_ge, s_ee, s_w = eight(0.0), eight(0.0), eight(0.0), eight(0.0)
+            for y in range((i * 2 * b + step - 1) // step, min((2 * b * (i + 1) + step - 1) // step, rows)):
+                for x in range(c * b, c * b + b, 8):
+                    at, from_left = u0 + x - whole - TAPS // 2 - low, MARGIN + x
+                    w = load_reals(weight, y, from_left) * load_reals(seen, 0, at)
+                    r = t0 * load_reals(other, y, at) + t1 * load_reals(other, y, at + 1)
+                    r = r + t2 * load_reals(other, y, at + 2) + t3 * load_reals(other, y, at + 3)
+                    r = r + t4 * load_reals(other, y, at + 4) + t5 * load_reals(other, y, at + 5)
+                    r = r + t6 * load_reals(other, y, at + 6) + t7 * load_reals(other, y, at + 7)
+                    g = load_reals(slope, y, from_left)
+                    e = load_reals(template, y, from_left) - gains * r - offsets
+                    ee = e * e
+                    q = one + ee * robust
+                    w = w / (q * q)
+                    we, wg = w * e, w * g
+                    s_gg, s_ge, s_ee, s_w = s_gg + wg * g, s_ge + wg * e, s_ee + w * ee, s_w + w
+                    all_r, all_rr, all_e, all_er = all_r + w * r, all_rr + w * r * r, all_e + we, all_er + we * r
+            sums[0, k], sums[1, k] = total(s_gg), total(s_ge)
+            sums[2, k], sums[3, k] = total(s_ee), total(s_w)
+        r_w, ee_all = sums[3].sum(), sums[2].sum()
         if r_w < LEAST_WEIGHT:
             return
-        total = 0.0
-        for k in range(n):
-            total += sum_ee[k]
-        residual2 = max(total / r_w, noise2 / 4)
-        scale2 = residual2
-        used = r_w
+        residual2 = max(ee_all / r_w, noise2 / 4)
+        scale2, used = residual2, r_w
         if iteration > 0:  # gain and offset, held near the cameras' own
+            r_r, r_rr, r_e, r_er = total(all_r), total(all_rr), total(all_e), total(all_er)
             a11, a22 = r_w + residual2 / 36, r_rr + residual2 / 1e-4
             e1, e2 = r_e - residual2 / 36 * offset, r_er + residual2 / 1e-4 * (model.gain - gain)
-            det = a11 * a22 - r_r * r_r
+            det = a11 * a22 - np.float64(r_r) * r_r
             offset += (e1 * a22 - e2 * r_r) / det
             gain += (a11 * e2 - r_r * e1) / det
-        tie = max(model.slope * b * mean / model.f_px, 2e-3)
-        known = 0.0
-        for k in range(n):
-            target[k], inform[k] = mean, 0.0
-            if count[k] > 0 and sum_w[k] > 0:
-                local2 = max(sum_ee[k] / sum_w[k] if sum_w[k] > 4 else residual2, 0.5 * residual2)
-                level2 = min(max(local2 / 2, model.noise**2), 4 * model.noise**2)
-                by_noise = GRADIENT_NOISE * level2 * (sum_w[k] + 3 * np.sqrt(sum_w[k]))
-                energy = max(sum_gg[k] - by_noise, LEAST_ENERGY * sum_gg[k])
-                if energy > 0:
-                    target[k] = d[k] + min(max(-sum_ge[k] / energy, -FURTHEST_STEP_PX), FURTHEST_STEP_PX)
-                    inform[k] = energy / (2 * local2)
-                    known += inform[k]
-        if known <= 0:
+        if not inform_blocks(sums, d, mean, residual2, model, target, inform):
             return
         before = mean
-        relief = seen_relief(target, inform, model, mean, deepest, width)
+        relief = seen_relief(target, inform, model, mean, deepest, box[2] - box[0])
+        tie = max(model.slope * b * mean / model.f_px, 2e-3)
         mean = smooth(across, d, target, inform, count, mean, 1 / (tie * tie), relief)
         last = abs(mean - before)
         if iteration > 0 and last < SETTLED_PX:
             break
-    summarize(d, target, inform, count, mean, relief, figures)
+    summarize(d, target, inform, count, mean, relief, sums[3], sums[0], figures)
     figures[5], figures[6] = last, figures[0] - coarse_mean
-    figures[7], figures[8], figures[9] = np.sqrt(residual2), used * step / pixels, pixels
-    figures[10] = inner
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def sums_of_row(row, taps, base, begin, end, v, template, slope, weight, gain, offset, robust):  # type: ignore[no-untyped-def]
-    """Return one row's share of a block's sums: gg, ge, ee, weight, r, rr, e, er.
-
-    Nothing is stored in the loop and no index can be negative, so that eight pixels at a time go through it.
-    """
-    t0, t1, t2, t3, t4, t5, t6, t7 = taps[0], taps[1], taps[2], taps[3], taps[4], taps[5], taps[6], taps[7]
-    zero = np.float32(0)
-    s_gg, s_ge, s_ee, s_w, s_r, s_rr, s_e, s_er = zero, zero, zero, zero, zero, zero, zero, zero
-    y, first, x = np.uintp(v), np.uintp(begin), np.uintp(max(base + begin, 0))
-    for i in range(np.uintp(max(end - begin, 0))):
-        at = x + i
-        r = t0 * row[at] + t1 * row[at + np.uintp(1)] + t2 * row[at + np.uintp(2)] + t3 * row[at + np.uintp(3)]
-        r += t4 * row[at + np.uintp(4)] + t5 * row[at + np.uintp(5)] + t6 * row[at + np.uintp(6)]
-        r += t7 * row[at + np.uintp(7)]
-        g = slope[y, first + i]
-        e = template[y, first + i] - gain * r - offset
-        q = np.float32(1) + e * e * robust
-        w = weight[y, first + i] / (q * q)
-        s_gg += w * g * g
-        s_ge += w * g * e
-        s_ee += w * e * e
-        s_w += w
-        s_r += w * r
-        s_rr += w * r * r
-        s_e += w * e
-        s_er += w * e * r
-    return s_gg, s_ge, s_ee, s_w, s_r, s_rr, s_e, s_er
+    figures[7], figures[8], figures[9] = np.sqrt(residual2), used / pixels, pixels * step
+    figures[10], figures[11], figures[12] = inner, core, coarse_px
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def start_blocks(coarse, b, across, d, count):  # type: ignore[no-untyped-def]
-    """Fill in each block's mean coarse disparity and pixel count; return the number of pixels and their mean."""
+def copy_row(image, v, low, out):  # type: ignore[no-untyped-def]
+    """Copy a row's levels from column `low` on; 0 outside of the image."""
+    begin, end = max(-low, 0), min(len(out), image.shape[1] - low)
+    out[: min(begin, len(out))] = 0
+    row = image[v]
+    x = np.uintp(low + begin)
+    for j in range(np.uintp(max(end - begin, 0))):
+        out[np.uintp(begin) + j] = row[x + j]
+    out[max(end, 0) :] = 0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def paint(uvd, box, b, step, across, mask, d, count):  # type: ignore[no-untyped-def]
+    """Fill in the mask (1 inside) and the blocks' disparities and pixels; return pixels, mean, most and least."""
+    mask[:] = 0
     d[:] = 0
     count[:] = 0
-    pixels, total = 0, 0.0
-    for v in range(coarse.shape[0]):
-        for u in range(coarse.shape[1]):
-            if coarse[v, u] > 0:
-                k = (v // b) * across + u // b
-                d[k] += coarse[v, u]
-                count[k] += 1
-                total += coarse[v, u]
-                pixels += 1
-    mean = total / max(pixels, 1)
+    height, width = box[3] - box[1], box[2] - box[0]
+    pixels, whole, near, far = 0.0, 0.0, 0.0, 1e9
+    for k in range(len(uvd)):
+        u = int(np.rint(uvd[k, 0] - (box[4] - 1) / 2)) - box[0]
+        v = int(np.rint(uvd[k, 1] - (box[5] - 1) / 2)) - box[1]
+        u1, v1 = min(u + box[4], width), min(v + box[5], height)
+        u, v = max(u, 0), max(v, 0)
+        first, last = (v + step - 1) // step, (v1 + step - 1) // step
+        if last <= first or u1 <= u:
+            continue
+        for y in range(first, last):
+            for x in range(u, u1):
+                mask[y, MARGIN + x] = 1
+        block, area = (v // (2 * b)) * across + u // b, (last - first) * (u1 - u)
+        value = max(uvd[k, 2], 1e-3)
+        d[block] += area * value
+        count[block] += area
+        pixels += area
+        whole += area * value
+        near, far = max(near, value), min(far, value)
+    mean = whole / max(pixels, 1.0)
     for k in range(len(d)):
         d[k] = d[k] / count[k] if count[k] > 0 else mean
-    return pixels, mean
+    return pixels, mean, near, far
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def fill_template(left, u0, v0, coarse, step, mean, noise2, model, template, slope, weight):  # type: ignore[no-untyped-def]
-    """Fill in grey levels, slopes along the row, and weights; return the share of pixels inside the outline.
+def nearest(d, count, scratch):  # type: ignore[no-untyped-def]
+    """Return the disparity that a tenth of the pixels reach or exceed."""
+    pixels = 0.0
+    for k in range(len(d)):
+        pixels += count[k]
+        scratch[k] = d[k] if count[k] > 0 else -1.0
+    seen, value = 0.0, 0.0
+    while seen < 0.1 * pixels:
+        best = 0
+        for k in range(len(d)):
+            if scratch[k] > scratch[best]:
+                best = k
+        value = scratch[best]
+        seen += count[best]
+        scratch[best] = -1.0
+    return value
 
-    The outline's pixels share what is wrong with them (it lies behind the mean surface, and what is behind it pulls),
-    so all together count as one measurement with that error.
-    """
-    height, width = coarse.shape
-    rim, inner, pixels = 0.0, 0, 0
-    for v in range(0, height, step):
-        row = left[v0 + v]
-        for u in range(width):
-            x = u0 + u
-            template[v, u] = row[x]
-            weight[v, u] = 0
-            slope[v, u] = 0
-            if coarse[v, u] > 0 and 2 <= x < left.shape[1] - 2:
-                near = np.float32(row[x + 1]) - np.float32(row[x - 1])
-                slope[v, u] = (8 * near - np.float32(row[x + 2]) + np.float32(row[x - 2])) / 12
-                inside = 0 < u < width - 1 and coarse[v, u - 1] > 0 and coarse[v, u + 1] > 0
-                inside = inside and (v == 0 or coarse[v - 1, u] > 0) and (v == height - 1 or coarse[v + 1, u] > 0)
-                weight[v, u] = 1 if inside else -1
-                pixels += 1
-                inner += inside
-                if not inside:
-                    rim += slope[v, u] ** 2
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def fill_template(left, box, step, mean, noise2, model, mask, lines, template, slope, weight):  # type: ignore[no-untyped-def]
+    """Fill in grey levels, slopes along the row, and weights; return the shares inside: of pixels, and of energy."""
+    rows, wide = mask.shape
+    away = (CORE_PX + step - 1) // step
+    line = lines[0:1]
+    low = box[0] - MARGIN - 2
+    first, last = max(2 - box[0], 0), min(left.shape[1] - 2 - box[0], wide - 2 * MARGIN)  # columns whose slope is known
+    one, white, eighth, twelfth = eight(1.0), eight(255.0), eight(8.0), eight(1 / 12)
+    rim, inside, known = eight(0.0), eight(0.0), eight(0.0)
+    all_gg, core_gg, core_n = eight(0.0), eight(0.0), eight(0.0)
+    mask[:, MARGIN : MARGIN + first] = 0
+    mask[:, MARGIN + last :] = 0
+    for y in range(rows):
+        copy_row(left, box[1] + y * step, low, lines[0, : wide + 4])
+        for x in range(MARGIN, wide - MARGIN, 8):
+            level = load_reals(line, 0, x + 2)
+            near = load_reals(line, 0, x + 3) - load_reals(line, 0, x + 1)
+            g = (eighth * near - load_reals(line, 0, x + 4) + load_reals(line, 0, x)) * twelfth
+            there = load_reals(mask, y, x)
+            within = there * load_reals(mask, y, x - 1) * load_reals(mask, y, x + 1)
+            known, inside = known + there, inside + within
+            exposed = lesser(one, lesser(white - level, level))
+            gg = exposed * g * g
+            rim = rim + (there - within) * gg
+            all_gg = all_gg + there * gg
+            if away <= y < rows - away:
+                core = exposed * load_reals(mask, y, x - CORE_PX) * load_reals(mask, y, x + CORE_PX)
+                core = core * there * load_reals(mask, y - away, x) * load_reals(mask, y + away, x)
+                core_gg, core_n = core_gg + core * g * g, core_n + core
+            store_reals(template, y, x, level)
+            store_reals(slope, y, x, g)
+            store_reals(weight, y, x, exposed * (there + within))  # 1 along the outline, 2 inside
     rim_px2 = (model.rim_m * mean * mean / model.f_baseline) ** 2 + model.rim_px**2
-    share = np.float32(noise2 / (noise2 + rim * rim_px2))
-    for v in range(0, height, step):
-        for u in range(width):
-            if weight[v, u] < 0:
-                weight[v, u] = share
-    return inner / max(pixels, 1)
+    share = eight(noise2 / (noise2 + np.float64(total(rim)) * rim_px2))
+    for y in range(rows):
+        for x in range(MARGIN, wide - MARGIN, 8):
+            w = load_reals(weight, y, x)
+            at_least_one = lesser(one, w)
+            store_reals(weight, y, x, w - at_least_one + (at_least_one + at_least_one - w) * share)
+    n, level2 = np.float64(total(core_n)), noise2 / 2
+    core = max(np.float64(total(core_gg)) - GRADIENT_NOISE * level2 * (1.3 * n + 3 * np.sqrt(n)), 0.0)
+    return np.float64(total(inside)) / max(np.float64(total(known)), 1.0), core / max(np.float64(total(all_gg)), 1e-9)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def search(left, right, u0, v0, weight, step, b, across, d):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def search(template, mask, other, seen, origin, step, b, across, d, count):  # type: ignore[no-untyped-def]
     """Return by how many whole pixels the region fits best, -SEARCH_PX..SEARCH_PX."""
-    best, least = 0, np.float64(np.inf)
-    height, width = weight.shape
+    best, least, rows = 0, np.float64(np.inf), len(mask)
+    most = eight(WORST_PX)
     for shift in range(-SEARCH_PX, SEARCH_PX + 1):
-        cost, pixels = np.float64(0), np.float64(0)
-        for v in range(0, height, step):
-            for c in range(across):
-                to = u0 - int(np.floor(d[(v // b) * across + c] + 0.5)) - shift
-                part, seen = np.float32(0), np.float32(0)
-                begin, end = max(c * b, -to), min(min(width, c * b + b), left.shape[1] - to)
-                y, a, x = np.uintp(v0 + v), np.uintp(begin), np.uintp(max(to + begin, 0))  # never negative
-                from_left = np.uintp(u0 + begin)
-                for i in range(np.uintp(max(end - begin, 0))):
-                    e = np.float32(left[y, from_left + i]) - np.float32(right[y, x + i])
-                    counts = np.float32(1) if weight[np.uintp(v), a + i] > 0 else np.float32(0)
-                    part += counts * min(e * e, np.float32(900))
-                    seen += counts
-                cost += part
-                pixels += seen
-        if pixels > 0 and cost / pixels < least:
-            best, least = shift, cost / pixels
+        cost, pixels = eight(0.0), eight(0.0)
+        for k in range(len(d)):
+            if count[k] == 0:
+                continue
+            i, c = k // across, k % across
+            to = origin - int(np.floor(d[k] + 0.5)) - shift
+            for y in range((i * 2 * b + step - 1) // step, min((2 * b * (i + 1) + step - 1) // step, rows)):
+                for x in range(c * b, c * b + b, 8):
+                    w = load_reals(mask, y, MARGIN + x) * load_reals(seen, 0, to + x - TAPS // 2)
+                    e = load_reals(template, y, MARGIN + x) - load_reals(other, y, to + x)
+                    cost, pixels = cost + w * lesser(e * e, most), pixels + w
+        n = np.float64(total(pixels))
+        if n > 0 and np.float64(total(cost)) / n < least:
+            best, least = shift, np.float64(total(cost)) / n
     return best
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def inform_blocks(sums, d, mean, residual2, model, target, inform):  # type: ignore[no-untyped-def]
+    """Fill in what the data say of each block and how surely; return whether they say anything.
+
+    The last of the sums becomes by how much less they say where not noise but something else is left.
+    """
+    known, level2 = False, model.noise**2
+    for k in range(len(d)):
+        gg, ge, ee, w = sums[0, k], sums[1, k], sums[2, k], sums[3, k]
+        target[k], inform[k] = mean, 0.0
+        if w > 0:
+            local2 = max(ee / w if w > 4 else residual2, 0.5 * residual2)
+            by_noise = GRADIENT_NOISE * min(max(local2 / 2, level2), 4 * level2) * (w + 3 * np.sqrt(w))
+            energy = max(gg - by_noise, LEAST_ENERGY * gg)
+            if energy > 0:
+                target[k] = d[k] + min(max(-ge / energy, -FURTHEST_STEP_PX), FURTHEST_STEP_PX)
+                inform[k] = energy / (2 * local2)
+                sums[3, k] = 1 + MISFIT * max(1 - 2 * level2 / local2, 0.0)
+                known = True
+    return known
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def seen_relief(target, inform, model, mean, deepest, width_px):  # type: ignore[no-untyped-def]
     """Return how far the blocks lie from their mean, pixels: their scatter less what noise makes of it."""
-    total, at, square, blocks = 0.0, 0.0, 0.0, 0
+    whole, at, square, blocks = 0.0, 0.0, 0.0, 0
     for k in range(len(target)):
         if inform[k] > 0:
-            total += inform[k]
-            at += inform[k] * target[k]
-            square += inform[k] * target[k] * target[k]
+            whole += inform[k]
+            at += inform[k] * (target[k] - mean)
+            square += inform[k] * (target[k] - mean) ** 2
             blocks += 1
-    at /= total
+    at /= whole
     per_m = mean * mean / model.f_baseline
     width_m = width_px * model.f_baseline / model.f_px / mean
     usual = ((model.relief_m + model.relief_share * width_m) * per_m) ** 2
-    seen = (square / total - at * at) - (blocks - 1) / total
-    trust = blocks * usual / (usual + blocks / total)
+    seen = (square / whole - at * at) - (blocks - 1) / whole
+    trust = blocks * usual / (usual + blocks / whole)
     relief2 = (max(seen, 0.0) * trust + usual * PRIOR_BLOCKS) / (trust + PRIOR_BLOCKS)
     return max(min(np.sqrt(relief2), max(model.relief_most_m * per_m, deepest)), 2e-3)
 
@@ -334,34 +368,34 @@ def seen_relief(target, inform, model, mean, deepest, width_px):  # type: ignore
 def smooth(across, d, target, inform, count, mean, tie, relief):  # type: ignore[no-untyped-def]
     """Move the blocks' disparities to what data, neighbours (weight `tie`) and mean together say; return the mean."""
     n = len(d)
-    to_mean = 1 / (relief * relief)
+    to_mean, apart = 1 / (relief * relief), tie / 4
+    sure, whole = 0.0, 0.0
+    for k in range(n):
+        if inform[k] > 0:
+            weight = inform[k] / (1 + inform[k] * relief * relief)
+            sure, whole = sure + weight, whole + weight * target[k]
+    mean = whole / sure
     for _ in range(SWEEPS):
         for k in range(n):
             if count[k] == 0:
                 continue
-            weight, total = inform[k] + to_mean, inform[k] * target[k] + to_mean * mean
+            weight, whole = inform[k] + to_mean, inform[k] * target[k] + to_mean * mean
             c = k % across
             if c > 0 and count[k - 1] > 0:
-                weight, total = weight + tie, total + tie * d[k - 1]
+                weight, whole = weight + tie, whole + tie * d[k - 1]
             if c < across - 1 and count[k + 1] > 0:
-                weight, total = weight + tie, total + tie * d[k + 1]
+                weight, whole = weight + tie, whole + tie * d[k + 1]
             if k >= across and count[k - across] > 0:
-                weight, total = weight + tie, total + tie * d[k - across]
+                weight, whole = weight + apart, whole + apart * d[k - across]
             if k + across < n and count[k + across] > 0:
-                weight, total = weight + tie, total + tie * d[k + across]
-            d[k] = total / weight
-        sure, total = 0.0, 0.0
-        for k in range(n):
-            if inform[k] > 0:
-                weight = 1 / (1 / inform[k] + relief * relief)
-                sure, total = sure + weight, total + weight * target[k]
-        mean = total / sure
+                weight, whole = weight + apart, whole + apart * d[k + across]
+            d[k] = whole / weight
     return mean
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def summarize(d, target, inform, count, mean, relief, figures):  # type: ignore[no-untyped-def]
-    """Fill in mean_px, nearest_px, scatter_px and noise_px."""
+def summarize(d, target, inform, count, mean, relief, worse, scratch, figures):  # type: ignore[no-untyped-def]
+    """Fill in mean_px, nearest_px, scatter_px, noise_px and unseen_px."""
     pixels, depth, sure, scatter, noise, unseen = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(d)):
         if count[k] > 0:
@@ -369,18 +403,43 @@ def summarize(d, target, inform, count, mean, relief, figures):  # type: ignore[
             depth += count[k] / max(d[k], 0.05)
             unseen += count[k] / (1 + inform[k] * relief * relief)
         if inform[k] > 0:
-            weight = 1 / (1 / inform[k] + relief * relief)
+            weight = inform[k] / (1 + inform[k] * relief * relief)
             sure += weight
             scatter += (weight * (target[k] - mean)) ** 2
-            noise += weight * weight / inform[k]
+            noise += weight * weight / inform[k] * worse[k]
     figures[0] = pixels / depth
-    order = np.argsort(-d)
-    seen = 0.0
-    for k in order:
-        seen += count[k]
-        if seen >= 0.1 * pixels:
-            figures[1] = d[k]
-            break
     unseen = relief * np.sqrt(unseen / pixels)
-    figures[1] = figures[0] + np.sqrt(max(figures[1] - figures[0], 0.0) ** 2 + (TENTH * unseen) ** 2)
+    front = nearest(d, count, scratch)
+    figures[1] = figures[0] + np.sqrt(max(front - figures[0], 0.0) ** 2 + (TENTH * unseen) ** 2)
     figures[2], figures[3], figures[4] = np.sqrt(scatter) / sure, np.sqrt(noise) / sure, unseen
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def survey(left, right):  # type: ignore[no-untyped-def]
+    """See `reference.refine.survey`."""
+    height, width = left.shape
+    apart = max(min(height, width) // SURVEYS, 10)
+    down, across = max(height - 2, 0) // apart, max(width - 2, 0) // apart
+    levels, n, zero = np.empty(down * across), 0, np.int64(0)
+    sums = np.zeros(4)
+    for i in range(down):
+        for j in range(across):
+            v0, u0 = i * apart + 1, j * apart + 1
+            here, square, there, other_square, rough = zero, zero, zero, zero, zero
+            for v in range(v0, v0 + 8):
+                for u in range(u0, u0 + 8):
+                    a, b = np.int64(left[v, u]), np.int64(right[v, u])
+                    here, square, there, other_square = here + a, square + a * a, there + b, other_square + b * b
+                    x = np.int64(left[v - 1, u - 1]) + left[v - 1, u + 1] + left[v + 1, u - 1] + left[v + 1, u + 1]
+                    x += 4 * a - 2 * (np.int64(left[v - 1, u]) + left[v + 1, u] + left[v, u - 1] + left[v, u + 1])
+                    rough += x * x
+            sums += np.array([here, square, there, other_square], np.float64)
+            if 16 * 64 < here < 240 * 64:
+                levels[n] = np.sqrt(rough / 64) / 6
+                n += 1
+    noise = max(np.sort(levels[:n])[n // 10], LEAST_NOISE) if n > 0 else 1.0
+    pixels = max(64.0 * down * across, 1.0)
+    ours = np.sqrt(max(sums[1] / pixels - (sums[0] / pixels) ** 2, 0.0))
+    theirs = np.sqrt(max(sums[3] / pixels - (sums[2] / pixels) ** 2, 0.0))
+    gain = min(max(ours / theirs, 0.7), 1.4) if min(ours, theirs) > 1 else 1.0
+    return noise, gain

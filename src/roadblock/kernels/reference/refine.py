@@ -16,14 +16,27 @@ from numpy.typing import NDArray
 TAPS, PHASES = 8, 256
 """Taps of the interpolation, and steps of a pixel it is tabulated in."""
 
-LEAST_BLOCK_PX, MOST_BLOCKS, MOST_PIXELS = 8, 400, 8192
-"""Side of a block, and how many blocks a region has at most; rows are left out of a region of more pixels."""
+BLOCK_PX, MOST_BLOCKS, MANY_PIXELS = 8, 256, 1024
+"""Blocks are so wide and twice as high, and both are doubled, tripled ... until a region has no more than so many;
+of a region of n times so many pixels every sqrt(n)th row is looked at."""
 
-ITERATIONS, SWEEPS, SEARCH_PX, FURTHEST_STEP_PX = 6, 12, 2, 0.7
+ITERATIONS, SWEEPS, SEARCH_PX, FURTHEST_STEP_PX = 5, 4, 2, 0.7
 """Of Gauss-Newton, of Gauss-Seidel within each, the integer search's reach, and a block's longest step."""
 
-SETTLED_PX = 1e-3
+SETTLED_PX = 2e-3
 """Iterations end when the mean moves by less."""
+
+CORE_PX = 8
+"""A detector's cut takes along no more than so much background at either side."""
+
+WORST_PX = 900.0
+"""A squared difference counts no more than this in the integer search."""
+
+MISFIT = 8.0
+"""What of a block's residuals is not noise is alike in so many neighbouring pixels: so much less do they say."""
+
+SURVEYS, LEAST_NOISE = 9, 0.4
+"""The images are surveyed at so many places along their shorter side; rounding alone makes 0.29 levels of noise."""
 
 ROBUST, LEAST_WEIGHT = 3.0, 8.0
 """A pixel whose residual is this many standard deviations counts a quarter; and so many pixels must count in all."""
@@ -55,6 +68,8 @@ FIGURES = (
     "used",
     "pixels",
     "inner",
+    "core",
+    "coarse_px",
 )
 """What a region comes to, in the order of the kernel's columns:
 
@@ -78,6 +93,10 @@ pixels
     How many there are.
 inner
     Share of them that do not lie along the outline.
+core
+    Share of the slopes' energy that is surely no noise and lies CORE_PX inside of the outline: the thing's own.
+coarse_px
+    Disparity of the nearest face as the detector saw it, pixels.
 """
 
 
@@ -129,20 +148,21 @@ def interpolation() -> NDArray[np.float32]:
 class Blocks:
     """The blocks of a region, (rows, columns) each: disparity, what the data say of it and how surely, pixel count.
 
-    Each is `side` pixels wide and high; the region itself is `width_px` wide.
+    `worse` is by how much less the data say where not noise but something else is left.
+
+    Each is `side` pixels wide and twice as high; the region itself is `width_px` wide.
     """
 
     d: Floats
     target: Floats
     inform: Floats
     count: Floats
+    worse: Floats
     side: int
     width_px: int
 
 
-def refine_regions(
-    left: Gray, right: Gray, first: NDArray[np.int64], uvd: Floats, cell_px: NDArray[np.int64], model: Model
-) -> Floats:
+def refine_regions(left: Gray, right: Gray, first: NDArray[np.int64], uvd: Floats, model: Model) -> Floats:
     """Refine regions against the full-resolution pair.
 
     Parameters
@@ -153,8 +173,6 @@ def refine_regions(
         (n + 1,) where each region's samples begin in `uvd`.
     uvd
         (m, 3) column, row and disparity of the centre of each cell.
-    cell_px
-        (n, 2) width and height of each region's cells.
     model
         See `Model`.
 
@@ -164,36 +182,58 @@ def refine_regions(
     """
     figures = np.full((len(first) - 1, len(FIGURES)), np.nan)
     for i, (a, b) in enumerate(pairwise(first)):
-        coarse = paint(uvd[a:b], cell_px[i], left.shape)
+        coarse, of_cell = paint(uvd[a:b], left.shape)
         if (coarse > 0).any():
             rows, columns = np.nonzero(coarse)
             v0, u0 = int(rows.min()), int(columns.min())
-            inside = coarse[v0 : rows.max() + 1, u0 : columns.max() + 1]
-            figures[i] = refine_region(left, right, u0, v0, inside, model)
+            box = np.s_[v0 : rows.max() + 1, u0 : columns.max() + 1]
+            figures[i] = refine_region(left, right, u0, v0, coarse[box], of_cell[box], cell_area(uvd[a:b]), model)
     return figures
 
 
-def paint(uvd: Floats, cell_px: NDArray[np.int64], shape: tuple[int, ...]) -> Floats:
-    """Return an image of the coarse disparities; 0 where there is no cell."""
-    coarse = np.zeros(shape)
+def cell_size(uvd: Floats) -> tuple[int, int]:
+    """Return width and height of the cells that a surface consists of: the smallest step between two of them."""
+    steps = np.abs(np.diff(uvd[:, :2], axis=0))
+    width, height = (int(np.min(s[s > 0], initial=np.inf)) if (s > 0).any() else 0 for s in steps.T)
+    return width or height or 1, height or width or 1
+
+
+def cell_area(uvd: Floats) -> int:
+    """Return how many pixels all cells have."""
+    return len(uvd) * int(np.prod(cell_size(uvd)))
+
+
+def paint(uvd: Floats, shape: tuple[int, ...]) -> tuple[Floats, NDArray[np.int64]]:
+    """Return images of the coarse disparities, 0 where there is no cell, and of each cell's first (row, column)."""
+    coarse, of_cell, size = np.zeros(shape), np.zeros((*shape, 2), np.int64), cell_size(uvd)
     for u, v, d in uvd:
-        column, row = (round(x - (c - 1) / 2) for x, c in zip((u, v), cell_px, strict=True))
-        coarse[max(row, 0) : row + cell_px[1], max(column, 0) : column + cell_px[0]] = max(d, 1e-3)
-    return coarse
+        column, row = (round(x - (c - 1) / 2) for x, c in zip((u, v), size, strict=True))
+        there = np.s_[max(row, 0) : max(row + size[1], 0), max(column, 0) : max(column + size[0], 0)]
+        coarse[there], of_cell[there] = max(d, 1e-3), (max(row, 0), max(column, 0))
+    return coarse, of_cell
 
 
-def refine_region(left: Gray, right: Gray, u0: int, v0: int, coarse: Floats, model: Model) -> Floats:
-    """Return the figures of one region, its coarse disparities given in a box at (u0, v0)."""
-    pixels, mean = int((coarse > 0).sum()), float(coarse[coarse > 0].mean())
-    step = -(-pixels // MOST_PIXELS)
-    blocks = start_blocks(coarse, mean)
+def refine_region(
+    left: Gray, right: Gray, u0: int, v0: int, coarse: Floats, of_cell: NDArray[np.int64], area: int, model: Model
+) -> Floats:
+    """Return the figures of one region, its coarse disparities and their cells given in a box at (u0, v0)."""
+    nothing, side = np.full(len(FIGURES), np.nan), BLOCK_PX
+    while -(-coarse.shape[0] // (2 * side)) * -(-coarse.shape[1] // side) > MOST_BLOCKS:
+        side += BLOCK_PX
+    step = min(max(int(np.ceil(np.sqrt(area / MANY_PIXELS))), 1), side)
+    v, u = (at.ravel() for at in np.mgrid[0 : coarse.shape[0] : step, : coarse.shape[1]])
+    there = coarse[v, u] > 0
+    pixels = int(there.sum())
+    if pixels == 0:
+        return nothing
+    mean = float(coarse[v, u][there].mean())
+    blocks = start_blocks(coarse, of_cell - np.array([v0, u0]), v[there], u[there], side, mean)
+    coarse_px = nearest(blocks.d, blocks.count)
     deepest = float(np.sqrt(np.average((blocks.d - mean) ** 2, weights=blocks.count)))
-    rows, columns = np.arange(0, coarse.shape[0], step), np.arange(coarse.shape[1])
-    v, u = np.repeat(rows, len(columns)), np.tile(columns, len(rows))
-    template, slope, weight, inner = template_of(left, u0, v0, coarse, u, v, mean, model)
-    keep = weight > 0
+    template, slope, weight, inner, core = template_of(left, u0, v0, coarse, u, v, step, mean, model)
+    keep = there & (u + u0 >= 2) & (u + u0 < left.shape[1] - 2) & (blocks.count[v // (2 * side), u // side] > 0)
     u, v, template, slope, weight = u[keep], v[keep], template[keep], slope[keep], weight[keep]
-    of = (v // blocks.side, u // blocks.side)
+    of = (v // (2 * side), u // side)
     moved = search(template, right, u + u0, v + v0, blocks.d[of])
     blocks.d += moved
     coarse_mean, mean = mean, mean + moved
@@ -205,7 +245,7 @@ def refine_region(left: Gray, right: Gray, u0: int, v0: int, coarse: Floats, mod
         if residual2 > 0:
             w = w / (1 + e * e / (ROBUST**2 * residual2)) ** 2
         if w.sum() < LEAST_WEIGHT:
-            return np.full(len(FIGURES), np.nan)
+            return nothing
         residual2 = max(float((w * e * e).sum() / w.sum()), noise2 / 4)
         used = float(w.sum())
         if iteration > 0:  # gain and offset, held near the cameras' own
@@ -215,7 +255,7 @@ def refine_region(left: Gray, right: Gray, u0: int, v0: int, coarse: Floats, mod
             change = np.linalg.lstsq(A, y, rcond=None)[0]
             offset, gain = offset + change[0], gain + change[1]
         if not inform_blocks(blocks, of, w, slope, e, residual2, mean, model):
-            return np.full(len(FIGURES), np.nan)
+            return nothing
         before, relief = mean, seen_relief(blocks, mean, deepest, model)
         mean = smooth(blocks, mean, relief, model)
         if iteration > 0 and abs(mean - before) < SETTLED_PX:
@@ -226,48 +266,66 @@ def refine_region(left: Gray, right: Gray, u0: int, v0: int, coarse: Floats, mod
         abs(mean - before),
         figures[0] - coarse_mean,
         np.sqrt(residual2),
-        used * step / pixels,
-        pixels,
+        used / pixels,
+        pixels * step,
         inner,
+        core,
+        coarse_px,
     ]
     return np.array([*figures, *measured])
 
 
-def start_blocks(coarse: Floats, mean: float) -> Blocks:
-    """Return the blocks at their mean coarse disparity."""
-    side = LEAST_BLOCK_PX
-    while np.prod([-(-n // side) for n in coarse.shape]) > MOST_BLOCKS:
-        side += 4
-    rows, columns = (-(-n // side) for n in coarse.shape)
-    padded = np.zeros((rows * side, columns * side))
-    padded[: coarse.shape[0], : coarse.shape[1]] = coarse
-    tiles = padded.reshape(rows, side, columns, side)
-    count = (tiles > 0).sum((1, 3)).astype(float)
-    d = np.where(count > 0, tiles.sum((1, 3)) / np.maximum(count, 1), mean)
-    return Blocks(d, d.copy(), np.zeros_like(d), count, side, coarse.shape[1])
+def start_blocks(
+    coarse: Floats, of_cell: NDArray[np.int64], v: NDArray[np.int64], u: NDArray[np.int64], side: int, mean: float
+) -> Blocks:
+    """Return the blocks at their mean coarse disparity; a cell belongs to the block of its first pixel."""
+    rows, columns = -(-coarse.shape[0] // (2 * side)), -(-coarse.shape[1] // side)
+    of = of_cell[v, u, 0].clip(0) // (2 * side), of_cell[v, u, 1].clip(0) // side
+    count, d = np.zeros((rows, columns)), np.zeros((rows, columns))
+    np.add.at(count, of, 1)
+    np.add.at(d, of, coarse[v, u])
+    d = np.where(count > 0, d / np.maximum(count, 1), mean)
+    return Blocks(d, d.copy(), np.zeros_like(d), count, np.ones_like(d), side, coarse.shape[1])
 
 
 def template_of(
-    left: Gray, u0: int, v0: int, coarse: Floats, u: NDArray[np.int64], v: NDArray[np.int64], mean: float, model: Model
-) -> tuple[Floats, Floats, Floats, float]:
-    """Return the left image's levels, slopes along the row, weights, and the share of pixels inside the outline.
+    left: Gray,
+    u0: int,
+    v0: int,
+    coarse: Floats,
+    u: NDArray[np.int64],
+    v: NDArray[np.int64],
+    step: int,
+    mean: float,
+    model: Model,
+) -> tuple[Floats, Floats, Floats, float, float]:
+    """Return the left image's levels, slopes along the row, weights, and the shares inside: of pixels, and of energy.
 
-    Weights are 0 outside and less along the outline: its pixels share what is wrong with them (it lies behind the mean
-    surface, and what is behind it pulls), so all together count as one measurement with that error.
+    Weights are 0 outside and where the camera saw only black or white, and less along the outline: its pixels share
+    what is wrong with them (it lies behind the mean surface, and what is behind it pulls), so all together count as one
+    measurement with that error.
     """
-    inside = np.pad(coarse > 0, 1, constant_values=False)
-    above_or_below = np.pad(coarse > 0, 1, mode="edge")
-    within = (coarse > 0) & inside[1:-1, :-2] & inside[1:-1, 2:] & above_or_below[:-2, 1:-1] & above_or_below[2:, 1:-1]
     x, image = u + u0, left.astype(float)
     known = (coarse[v, u] > 0) & (x >= 2) & (x < left.shape[1] - 2)
+    c, usable = CORE_PX, coarse > 0
+    usable[:, : max(2 - u0, 0)], usable[:, max(left.shape[1] - 2 - u0, 0) :] = False, False
+    a = -(-c // step) * step
+    beside = np.pad(usable, ((a, a), (c, c)))
+    within = known & beside[v + a, u + c - 1] & beside[v + a, u + c + 1]
+    deep = known & beside[v + a, u] & beside[v + a, u + 2 * c] & beside[v, u + c] & beside[v + 2 * a, u + c]
     at = [image[v + v0, (x + shift).clip(0, left.shape[1] - 1)] for shift in (-2, -1, 1, 2)]
     slope = np.where(known, (8 * (at[2] - at[1]) - at[3] + at[0]) / 12, 0.0)
-    rim = known & ~within[v, u]
+    level = image[v + v0, x]
+    exposed = ((level > 0) & (level < 255)).astype(float)
     rim_px2 = (model.rim_m * mean * mean / model.f_baseline) ** 2 + model.rim_px**2
-    noise2 = 2 * model.noise**2
-    share = noise2 / (noise2 + (slope[rim] ** 2).sum() * rim_px2)
-    inner = 1 - rim.sum() / max(known.sum(), 1)
-    return image[v + v0, x], slope, np.where(rim, share, known.astype(float)), float(inner)
+    noise2, rim = 2 * model.noise**2, known & ~within
+    gg, n = exposed * slope**2, float((exposed * deep).sum())
+    share = noise2 / (noise2 + gg[rim].sum() * rim_px2)
+    core = max(gg[deep].sum() - GRADIENT_NOISE * model.noise**2 * (1.3 * n + 3 * np.sqrt(n)), 0) / max(
+        gg[known].sum(), 1e-9
+    )
+    inner = within.sum() / max(known.sum(), 1)
+    return level, slope, exposed * np.where(rim, share, known.astype(float)), float(inner), float(core)
 
 
 def search(template: Floats, right: Gray, x: NDArray[np.int64], y: NDArray[np.int64], d: Floats) -> int:
@@ -275,10 +333,10 @@ def search(template: Floats, right: Gray, x: NDArray[np.int64], y: NDArray[np.in
     costs = {}
     for shift in range(-SEARCH_PX, SEARCH_PX + 1):
         there = x - np.floor(d + 0.5).astype(int) - shift
-        seen = (there >= 0) & (there < right.shape[1])
+        seen = (there >= TAPS // 2) & (there + TAPS // 2 <= right.shape[1])
         if seen.any():
             e = template[seen] - right[y[seen], there[seen]]
-            costs[shift] = float(np.minimum(e * e, 900).mean())
+            costs[shift] = float(np.minimum(e * e, WORST_PX).mean())
     return min(costs, key=lambda shift: costs[shift]) if costs else 0
 
 
@@ -315,8 +373,9 @@ def inform_blocks(
     gg, ge, ee, total = sums
     with np.errstate(all="ignore"):
         local2 = np.maximum(np.where(total > 4, ee / total, residual2), residual2 / 2)
-        noise2 = np.clip(local2 / 2, model.noise**2, 4 * model.noise**2)
-        by_noise = GRADIENT_NOISE * noise2 * (total + 3 * np.sqrt(total))
+        level2 = np.clip(local2 / 2, model.noise**2, 4 * model.noise**2)
+        by_noise = GRADIENT_NOISE * level2 * (total + 3 * np.sqrt(total))
+        blocks.worse = 1 + MISFIT * np.maximum(1 - 2 * model.noise**2 / local2, 0)
     energy = np.maximum(gg - by_noise, LEAST_ENERGY * gg)
     known = (blocks.count > 0) & (total > 0) & (energy > 0)
     with np.errstate(all="ignore"):
@@ -347,17 +406,24 @@ def smooth(blocks: Blocks, mean: float, relief: float, model: Model) -> float:
     tie = 1 / max(model.slope * blocks.side * mean / model.f_px, 2e-3) ** 2
     known = blocks.inform > 0
     weight = 1 / (1 / blocks.inform[known] + relief**2)
+    mean = float((weight * blocks.target[known]).sum() / weight.sum())
     there = np.pad(blocks.count > 0, 1)
     for _ in range(SWEEPS):
         d = np.pad(blocks.d, 1)
         for i, j in zip(*np.nonzero(blocks.count), strict=True):
-            beside = [(i + 1, j), (i + 1, j + 2), (i, j + 1), (i + 2, j + 1)]  # in the padded grid
-            near = [d[at] for at in beside if there[at]]
-            total = blocks.inform[i, j] * blocks.target[i, j] + mean / relief**2 + tie * sum(near)
-            d[i + 1, j + 1] = total / (blocks.inform[i, j] + 1 / relief**2 + tie * len(near))
+            beside = [(i + 1, j, tie), (i + 1, j + 2, tie), (i, j + 1, tie / 4), (i + 2, j + 1, tie / 4)]  # padded
+            near = [(d[y, x], by) for y, x, by in beside if there[y, x]]
+            total = blocks.inform[i, j] * blocks.target[i, j] + mean / relief**2 + sum(value * by for value, by in near)
+            d[i + 1, j + 1] = total / (blocks.inform[i, j] + 1 / relief**2 + sum(by for _, by in near))
         blocks.d = d[1:-1, 1:-1]
-        mean = float((weight * blocks.target[known]).sum() / weight.sum())
     return mean
+
+
+def nearest(d: Floats, count: Floats) -> float:
+    """Return the disparity that a tenth of the pixels reach or exceed."""
+    there = count > 0
+    order = np.argsort(-d[there], kind="stable")
+    return float(d[there][order][np.argmax(np.cumsum(count[there][order]) >= 0.1 * count.sum())])
 
 
 def summarize(blocks: Blocks, mean: float, relief: float) -> tuple[float, list[float]]:
@@ -365,11 +431,32 @@ def summarize(blocks: Blocks, mean: float, relief: float) -> tuple[float, list[f
     there, known = blocks.count > 0, blocks.inform > 0
     count, d = blocks.count[there], blocks.d[there]
     middle = float(count.sum() / (count / np.maximum(d, 0.05)).sum())
-    order = np.argsort(-d, kind="stable")
-    tenth = int(np.argmax(np.cumsum(count[order]) >= 0.1 * count.sum()))
     unseen = relief * float(np.sqrt((count / (1 + blocks.inform[there] * relief**2)).sum() / count.sum()))
-    nearest = middle + float(np.hypot(max(d[order[tenth]] - middle, 0.0), TENTH * unseen))
+    front = middle + float(np.hypot(max(nearest(blocks.d, blocks.count) - middle, 0.0), TENTH * unseen))
     weight = 1 / (1 / blocks.inform[known] + relief**2)
     scatter = float(np.sqrt(((weight * (blocks.target[known] - mean)) ** 2).sum()) / weight.sum())
-    noise = float(np.sqrt((weight**2 / blocks.inform[known]).sum()) / weight.sum())
-    return unseen, [middle, nearest, scatter, noise]
+    noise = float(np.sqrt((weight**2 / blocks.inform[known] * blocks.worse[known]).sum()) / weight.sum())
+    return unseen, [middle, front, scatter, noise]
+
+
+def survey(left: Gray, right: Gray) -> tuple[float, float]:
+    """Return the standard deviation of one grey level's noise, and the left image's contrast over the right one's.
+
+    From 8x8 pixels at places all over the images. For the noise a 3x3 difference that neither slopes nor edges along
+    the axes leave anything of (Immerkaer 1996); the quietest tenth of the places that are neither dark nor bright is
+    taken as free of texture. At least LEAST_NOISE; 1 where there are none.
+    """
+    height, width = left.shape
+    apart = max(min(height, width) // SURVEYS, 10)
+    levels, both = [], []
+    for v in range(1, 1 + max(height - 2, 0) // apart * apart, apart):
+        for u in range(1, 1 + max(width - 2, 0) // apart * apart, apart):
+            a = left[v - 1 : v + 9, u - 1 : u + 9].astype(float)
+            rough = a[:-2] - 2 * a[1:-1] + a[2:]
+            rough = rough[:, :-2] - 2 * rough[:, 1:-1] + rough[:, 2:]
+            both.append((a[1:-1, 1:-1], right[v : v + 8, u : u + 8].astype(float)))
+            if 16 < a[1:-1, 1:-1].mean() < 240:
+                levels.append(float(np.sqrt((rough**2).mean())) / 6)
+    here, there = (float(np.std([pair[i] for pair in both])) if both else 0.0 for i in (0, 1))
+    noise = max(sorted(levels)[len(levels) // 10], LEAST_NOISE) if levels else 1.0
+    return noise, float(np.clip(here / there, 0.7, 1.4)) if min(here, there) > 1 else 1.0
