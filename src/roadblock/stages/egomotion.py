@@ -1,0 +1,238 @@
+"""Ego-motion: RectifiedPairs in, one after the other; how the cameras moved since the one before, out.
+
+Corners of the earlier left image are measured by the Lucas-Kanade method in the earlier right one, in the later left
+one and in the later right one, all at half resolution. What most of them agree on (RANSAC) is refined by robust
+Gauss-Newton over (u, v, d), in which the noise of both measurements of a feature counts.
+"""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from roadblock.geometry.pose import inverse, pose, rotation_from_rotvec
+from roadblock.geometry.stereo import image_from_car, image_jacobian, triangulate, triangulate_jacobian
+from roadblock.kernels.gray import gray8, halve
+from roadblock.values.camera import Rectification
+from roadblock.values.checks import FloatArray
+from roadblock.values.frame import Gray, RectifiedPair
+from roadblock.values.motion import EgoMotion
+
+Points = NDArray[np.float32]
+
+WINDOW_PX, LEVELS = 13, 4
+"""Of the Lucas-Kanade method, at half resolution: finds shifts of about 100 px."""
+STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.01)
+RETURNED_PX = 0.5
+"""There and back again, a feature must end this near to where it started (half resolution)."""
+ROW_PX = 1.0
+"""So far from its row a feature may be found in the other camera (half resolution)."""
+LEAST_D_PX = 1.0
+"""What is further away than this says nothing about how far the cameras moved."""
+AGREE_PX = 2.0
+"""How far a feature may be from where RANSAC's motion puts it (full resolution)."""
+DRAWS = 100
+STEPS = 6
+CAUCHY = 2.0
+"""Residuals of this many sigmas count half."""
+OUTLIER = 16.3
+"""99.9 % of a squared residual of three numbers."""
+LARGEST_MPS2 = 15.0
+"""No car on wheels speeds up or slows down faster."""
+ACCELERATION_GAP_S = 0.5
+"""Over longer gaps the velocity before tells nothing."""
+
+
+class EgomotionSettings(BaseModel):
+    """How the vehicle's own motion is measured."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    features: int = Field(250, ge=30, le=5000, description="About how many corners are followed.")
+    least_features: int = Field(20, ge=6, description="Fewer that agree say nothing.")
+    least_share: float = Field(0.4, gt=0, le=1, description="Smallest share of the features that must agree.")
+    sigma_px: float = Field(0.2, gt=0, description="Noise of a feature's u, v and d at full resolution.")
+    longest_s: float = Field(1.0, gt=0, description="Over longer gaps nothing is measured.")
+
+
+class _Frame(NamedTuple):
+    """What is kept of a frame: its images and its corners (n, 3) u, v, d at full resolution."""
+
+    t_ns: int
+    left: Gray
+    uvd: FloatArray
+
+
+class Odometer:
+    """Keeps the latest frame of a drive and measures how the cameras moved since.
+
+    Parameters
+    ----------
+    rectification
+        The twin cameras of all pairs.
+    settings
+        Evidence.
+    """
+
+    def __init__(self, rectification: Rectification, settings: EgomotionSettings | None = None) -> None:
+        self.rectification = rectification
+        self.settings = settings or EgomotionSettings()
+        self._before: _Frame | None = None
+        self._velocity_mps: tuple[int, FloatArray] | None = None
+
+    def __call__(self, pair: RectifiedPair) -> EgoMotion | None:
+        """Take the next pair in.
+
+        Returns
+        -------
+        The motion, known or unknown with a reason. None where there is no motion to speak of: the first pair, and pairs
+        whose time stamp is not after that of the pair before, which are passed over.
+        """
+        before = self._before
+        if before is not None and before.t_ns - 1e9 * self.settings.longest_s <= pair.t_ns <= before.t_ns:
+            return None
+        left, right = pair.half or map(halve, gray8(pair.left, pair.right))
+        self._before = _Frame(pair.t_ns, left, self._corners(left, right))
+        if before is None or pair.t_ns <= before.t_ns:
+            return None
+        found = self._measure(before, left, right, pair.t_ns)
+        if isinstance(found, str):
+            return EgoMotion.unknown(before.t_ns, pair.t_ns, found)
+        return found
+
+    def _corners(self, left: Gray, right: Gray) -> FloatArray:
+        """Return (n, 3) u, v, d of corners spread over the image."""
+        points = _spread_corners(left, self.settings.features)
+        return self._stereo(left, right, points, None)[0]
+
+    def _stereo(
+        self, left: Gray, right: Gray, points: Points, d_px: FloatArray | None
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return (m, 3) u, v, d at full resolution of the points (n, 2) that were found in the right image, and which.
+
+        `d_px` (n,), where known, is about how large their disparities are.
+        """
+        guess = points.copy()
+        if d_px is not None:
+            guess[:, 0] -= d_px.astype(np.float32) / 2
+        there, good = _follow(left, right, points, guess)
+        d = points[:, 0] - there[:, 0]
+        good &= (np.abs(points[:, 1] - there[:, 1]) < ROW_PX) & (2 * d > LEAST_D_PX)
+        # A half-resolution pixel is the mean of 2x2 full ones.
+        full = np.stack([2 * points[:, 0] + 0.5, 2 * points[:, 1] + 0.5, 2 * d], -1).astype(float)
+        return full[good], good
+
+    def _measure(self, before: _Frame, left: Gray, right: Gray, t_ns: int) -> EgoMotion | str:
+        s, dt_s = self.settings, (t_ns - before.t_ns) / 1e9
+        if dt_s > s.longest_s:
+            return f"no frame for {dt_s:.1f} s"
+        start = ((before.uvd[:, :2] - 0.5) / 2).astype(np.float32)
+        there, good = _follow(before.left, left, start, start.copy())
+        now, seen = self._stereo(left, right, there[good], before.uvd[good, 2])
+        then = before.uvd[good][seen]
+        if len(then) < s.least_features:
+            return f"only {len(then)} features could be followed"
+        T = _agreed(self.rectification, then, now)
+        if T is None:
+            return "no motion that the features agree on"
+        T, cov, used = _refined(self.rectification, T, then, now, s.sigma_px)
+        count = int(used.sum())
+        if count < max(s.least_features, s.least_share * len(then)):
+            return f"only {count} of {len(then)} features agree on one motion"
+        velocity = -T[:3, 3] / dt_s
+        before_mps, self._velocity_mps = self._velocity_mps, (t_ns, velocity)
+        if before_mps is not None and 0 < t_ns - before_mps[0] <= 1e9 * ACCELERATION_GAP_S:
+            change = np.linalg.norm(velocity - before_mps[1]) / ((t_ns - before_mps[0]) / 1e9)
+            slack = 4 * np.sqrt(np.trace(cov[3:, 3:])) / dt_s**2
+            if change > LARGEST_MPS2 + slack:
+                return f"it would be an acceleration of {change:.0f} m/s2"
+        return EgoMotion(before.t_ns, t_ns, T, cov, used=count)
+
+
+def _spread_corners(gray: Gray, features: int) -> Points:
+    """Return (n, 2) column and row of the strongest corner of each of about `features` cells that has one."""
+    height, width = gray.shape
+    cell = max(4, round((height * width / features) ** 0.5))
+    rows, columns = height // cell, width // cell
+    strength = cv2.cornerMinEigenVal(gray, 3)
+    border = WINDOW_PX // 2 + 1
+    strength[:border] = strength[-border:] = 0
+    strength[:, :border] = strength[:, -border:] = 0
+    blocks = strength[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell)
+    cells = blocks.swapaxes(1, 2).reshape(rows, columns, -1)
+    row, column = np.nonzero(cells.max(2, initial=0) > 1e-4)
+    best_v, best_u = np.divmod(cells[row, column].argmax(1), cell)
+    return np.stack([column * cell + best_u, row * cell + best_v], -1).astype(np.float32)
+
+
+def _follow(here: Gray, there: Gray, points: Points, guess: Points) -> tuple[Points, NDArray[np.bool_]]:
+    """Return where points (n, 2) of one image are in another, and which of them can be trusted."""
+    if not len(points):
+        return points, np.zeros(0, bool)
+    options = {"winSize": (WINDOW_PX, WINDOW_PX), "maxLevel": LEVELS, "criteria": STOP}
+    use = cv2.OPTFLOW_USE_INITIAL_FLOW
+    found, seen, _ = cv2.calcOpticalFlowPyrLK(here, there, points, guess, flags=use, **options)
+    back, returned, _ = cv2.calcOpticalFlowPyrLK(there, here, found, points.copy(), flags=use, **options)
+    good = (seen[:, 0] > 0) & (returned[:, 0] > 0)
+    return found, good & (np.hypot(*(back - points).T) < RETURNED_PX)
+
+
+def _agreed(rectification: Rectification, then: FloatArray, now: FloatArray) -> FloatArray | None:
+    """Return the motion `T_now_before` of the car frame that most features agree on, by RANSAC; None if none is found.
+
+    Parameters
+    ----------
+    rectification
+        The twin cameras.
+    then, now
+        (n, 3) u, v, d of the features in both frames.
+    """
+    r = rectification
+    K = np.array([[r.f_px, 0, r.cx_px], [0, r.f_px, r.cy_px], [0, 0, 1]])
+    to_left = np.array([r.baseline_m / 2, 0.0, 0.0])
+    points = triangulate(r, then) + to_left
+    ok, rotvec, t, _ = cv2.solvePnPRansac(
+        points, now[:, :2], K, None, iterationsCount=DRAWS, reprojectionError=AGREE_PX, flags=cv2.SOLVEPNP_P3P
+    )
+    if not ok or not (np.isfinite(rotvec).all() and np.isfinite(t).all()):
+        return None
+    shift = pose(np.eye(3), to_left)
+    return inverse(shift) @ pose(rotation_from_rotvec(rotvec), t) @ shift
+
+
+def _refined(
+    rectification: Rectification, T: FloatArray, then: FloatArray, now: FloatArray, sigma_px: float
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Return the motion after robust Gauss-Newton, its covariance (6, 6), and which features agree with it."""
+    points = triangulate(rectification, then)
+    J_then = triangulate_jacobian(rectification, then)
+    for _ in range(STEPS):
+        moved = points @ T[:3, :3].T + T[:3, 3]
+        ahead = moved[:, 2] > 0.1
+        moved = np.where(ahead[:, None], moved, [0.0, 0.0, 1.0])
+        J_now = image_jacobian(rectification, moved)
+        carried = J_now @ (T[:3, :3] @ J_then)
+        weight = np.linalg.inv(sigma_px**2 * (np.eye(3) + carried @ carried.swapaxes(1, 2)))
+        residual = now - image_from_car(rectification, moved)
+        squared = np.einsum("ni,nij,nj->n", residual, weight, residual)
+        trust = ahead / (1 + squared / CAUCHY**2)
+        J = J_now @ np.concatenate([-_skew(moved), np.broadcast_to(np.eye(3), (len(moved), 3, 3))], 2)
+        JW = J.swapaxes(1, 2) @ (weight * trust[:, None, None])
+        normal = (JW @ J).sum(0)
+        step = np.linalg.lstsq(normal, (JW @ residual[..., None]).sum(0)[:, 0], rcond=None)[0]
+        T = pose(rotation_from_rotvec(step[:3]), step[3:]) @ T
+        if np.abs(step).max() < 1e-6:
+            break
+    used = ahead & (squared < OUTLIER)
+    # What the features scatter more than they should, the motion is less sure.
+    excess = max(1.0, float(np.median(squared[used])) / 2.366) if used.any() else 1.0
+    return T, np.linalg.pinv(normal) * excess, used
+
+
+def _skew(vectors: FloatArray) -> FloatArray:
+    """Return (n, 3, 3) matrices of the cross product with vectors (n, 3)."""
+    x, y, z = vectors.T
+    zero = 0 * x
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(-1, 3, 3)
