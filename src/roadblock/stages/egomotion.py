@@ -37,8 +37,12 @@ DRAWS = 100
 STEPS = 6
 CAUCHY = 2.0
 """Residuals of this many sigmas count half."""
-OUTLIER = 16.3
-"""99.9 % of a squared residual of three numbers."""
+OUTLIER, MEDIAN_OF_3 = 16.3, 2.366
+"""99.9 % and 50 % of a squared residual of three numbers."""
+NEAREST_M = 0.1
+CONVERGED = 1e-6
+DRIFT_PX = 0.02
+"""How much the disparities' offset may change within a frame."""
 LARGEST_MPS2 = 15.0
 """No car on wheels speeds up or slows down faster."""
 ACCELERATION_GAP_S = 0.5
@@ -54,7 +58,16 @@ class EgomotionSettings(BaseModel):
     least_features: int = Field(20, ge=6, description="Fewer that agree say nothing.")
     least_share: float = Field(0.4, gt=0, le=1, description="Smallest share of the features that must agree.")
     sigma_px: float = Field(0.2, gt=0, description="Noise of a feature's u, v and d at full resolution.")
+    offset_px: float = Field(0.5, gt=0, description="How far off all disparities may be (a turned camera).")
     longest_s: float = Field(1.0, gt=0, description="Over longer gaps nothing is measured.")
+
+
+class _Motion(NamedTuple):
+    """`T_now_before` of the car frame, how many pixels all disparities are too small, (7, 7) covariance of both."""
+
+    T: FloatArray
+    offset_px: float
+    cov: FloatArray
 
 
 class _Frame(NamedTuple):
@@ -81,6 +94,7 @@ class Odometer:
         self.settings = settings or EgomotionSettings()
         self._before: _Frame | None = None
         self._velocity_mps: tuple[int, FloatArray] | None = None
+        self._offset_px, self._offset_px2 = 0.0, self.settings.offset_px**2
 
     def __call__(self, pair: RectifiedPair) -> EgoMotion | None:
         """Take the next pair in.
@@ -128,8 +142,8 @@ class Odometer:
         s, dt_s = self.settings, (t_ns - before.t_ns) / 1e9
         if dt_s > s.longest_s:
             return f"no frame for {dt_s:.1f} s"
-        start = ((before.uvd[:, :2] - 0.5) / 2).astype(np.float32)
-        there, good = _follow(before.left, left, start, start.copy())
+        begin = ((before.uvd[:, :2] - 0.5) / 2).astype(np.float32)
+        there, good = _follow(before.left, left, begin, begin.copy())
         now, seen = self._stereo(left, right, there[good], before.uvd[good, 2])
         then = before.uvd[good][seen]
         if len(then) < s.least_features:
@@ -137,10 +151,13 @@ class Odometer:
         T = _agreed(self.rectification, then, now)
         if T is None:
             return "no motion that the features agree on"
-        T, cov, used = _refined(self.rectification, T, then, now, s.sigma_px)
+        start = _Motion(T, self._offset_px, np.diag([0.0] * 6 + [self._offset_px2 + DRIFT_PX**2]))
+        motion, used = _refined(self.rectification, start, then, now, s.sigma_px)
         count = int(used.sum())
         if count < max(s.least_features, s.least_share * len(then)):
             return f"only {count} of {len(then)} features agree on one motion"
+        self._offset_px, self._offset_px2 = motion.offset_px, min(float(motion.cov[6, 6]), s.offset_px**2)
+        T, cov = motion.T, motion.cov[:6, :6]
         velocity = -T[:3, 3] / dt_s
         before_mps, self._velocity_mps = self._velocity_mps, (t_ns, velocity)
         if before_mps is not None and 0 < t_ns - before_mps[0] <= 1e9 * ACCELERATION_GAP_S:
@@ -203,32 +220,49 @@ def _agreed(rectification: Rectification, then: FloatArray, now: FloatArray) -> 
 
 
 def _refined(
-    rectification: Rectification, T: FloatArray, then: FloatArray, now: FloatArray, sigma_px: float
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return the motion after robust Gauss-Newton, its covariance (6, 6), and which features agree with it."""
-    points = triangulate(rectification, then)
-    J_then = triangulate_jacobian(rectification, then)
+    rectification: Rectification, start: _Motion, then: FloatArray, now: FloatArray, sigma_px: float
+) -> tuple[_Motion, NDArray[np.bool_]]:
+    """Return the motion after robust Gauss-Newton, and which features agree with it.
+
+    Parameters
+    ----------
+    rectification
+        The twin cameras.
+    start
+        A first motion; what is known of the disparities' offset beforehand.
+    then, now
+        (n, 3) u, v, d of the features in both frames.
+    sigma_px
+        Noise of each of these numbers.
+    """
+    T, offset_px = start.T, start.offset_px
+    prior = np.zeros((7, 7))
+    prior[6, 6] = 1 / start.cov[6, 6]
     for _ in range(STEPS):
+        shifted = then + (0.0, 0.0, offset_px)
+        points = triangulate(rectification, shifted)
         moved = points @ T[:3, :3].T + T[:3, 3]
-        ahead = moved[:, 2] > 0.1
+        ahead = moved[:, 2] > NEAREST_M
         moved = np.where(ahead[:, None], moved, [0.0, 0.0, 1.0])
         J_now = image_jacobian(rectification, moved)
-        carried = J_now @ (T[:3, :3] @ J_then)
+        carried = J_now @ (T[:3, :3] @ triangulate_jacobian(rectification, shifted))
         weight = np.linalg.inv(sigma_px**2 * (np.eye(3) + carried @ carried.swapaxes(1, 2)))
-        residual = now - image_from_car(rectification, moved)
+        residual = now - image_from_car(rectification, moved) + (0.0, 0.0, offset_px)
         squared = np.einsum("ni,nij,nj->n", residual, weight, residual)
         trust = ahead / (1 + squared / CAUCHY**2)
-        J = J_now @ np.concatenate([-_skew(moved), np.broadcast_to(np.eye(3), (len(moved), 3, 3))], 2)
+        by_offset = carried[:, :, 2:] - [[0.0], [0.0], [1.0]]
+        J = np.concatenate([J_now @ -_skew(moved), J_now, by_offset], 2)
         JW = J.swapaxes(1, 2) @ (weight * trust[:, None, None])
-        normal = (JW @ J).sum(0)
-        step = np.linalg.lstsq(normal, (JW @ residual[..., None]).sum(0)[:, 0], rcond=None)[0]
-        T = pose(rotation_from_rotvec(step[:3]), step[3:]) @ T
-        if np.abs(step).max() < 1e-6:
+        normal = (JW @ J).sum(0) + prior
+        pull = (JW @ residual[..., None]).sum(0)[:, 0] + prior[6] * (start.offset_px - offset_px)
+        step = np.linalg.lstsq(normal, pull, rcond=None)[0]
+        T, offset_px = pose(rotation_from_rotvec(step[:3]), step[3:6]) @ T, offset_px + float(step[6])
+        if np.abs(step).max() < CONVERGED:
             break
     used = ahead & (squared < OUTLIER)
     # What the features scatter more than they should, the motion is less sure.
-    excess = max(1.0, float(np.median(squared[used])) / 2.366) if used.any() else 1.0
-    return T, np.linalg.pinv(normal) * excess, used
+    excess = max(1.0, float(np.median(squared[used])) / MEDIAN_OF_3) if used.any() else 1.0
+    return _Motion(T, offset_px, np.linalg.pinv(normal) * excess), used
 
 
 def _skew(vectors: FloatArray) -> FloatArray:
