@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from roadblock.geometry.pose import inverse, pose, rotation_from_rotvec
+from roadblock.geometry.pose import inverse, pose, rotation_from_rotvec, rotvec_from_rotation, transform
 from roadblock.geometry.stereo import image_from_car, image_jacobian, triangulate, triangulate_jacobian
 from roadblock.kernels.gray import gray8, halve
 from roadblock.values.camera import Rectification
@@ -22,8 +22,10 @@ from roadblock.values.motion import EgoMotion
 
 Points = NDArray[np.float32]
 
-WINDOW_PX, LEVELS = 13, 4
-"""Of the Lucas-Kanade method, at half resolution: finds shifts of about 100 px."""
+WINDOW_PX = 11
+"""Of the Lucas-Kanade method, at half resolution."""
+LEVELS, MORE_LEVELS, FEW_LEVELS = 4, 2, 1
+"""Of the image pyramid: without a guess, with that of the motion before, and with that of the disparity before."""
 STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.01)
 RETURNED_PX = 0.5
 """There and back again, a feature must end this near to where it started (half resolution)."""
@@ -39,6 +41,8 @@ CAUCHY = 2.0
 """Residuals of this many sigmas count half."""
 OUTLIER, MEDIAN_OF_3 = 16.3, 2.366
 """99.9 % and 50 % of a squared residual of three numbers."""
+LENS_SHARE, LENS_RAD = 0.01, 2e-4
+"""What lenses and rows that are slightly off do to a motion: share of its length (seen on KITTI), and turn."""
 NEAREST_M = 0.1
 CONVERGED = 1e-6
 DRIFT_PX = 0.02
@@ -54,7 +58,7 @@ class EgomotionSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    features: int = Field(250, ge=30, le=5000, description="About how many corners are followed.")
+    features: int = Field(300, ge=30, le=5000, description="About how many corners are followed.")
     least_features: int = Field(20, ge=6, description="Fewer that agree say nothing.")
     least_share: float = Field(0.4, gt=0, le=1, description="Smallest share of the features that must agree.")
     sigma_px: float = Field(0.2, gt=0, description="Noise of a feature's u, v and d at full resolution.")
@@ -93,7 +97,8 @@ class Odometer:
         self.rectification = rectification
         self.settings = settings or EgomotionSettings()
         self._before: _Frame | None = None
-        self._velocity_mps: tuple[int, FloatArray] | None = None
+        self._twist: FloatArray | None = None
+        self._twist_t_ns = 0
         self._offset_px, self._offset_px2 = 0.0, self.settings.offset_px**2
 
     def __call__(self, pair: RectifiedPair) -> EgoMotion | None:
@@ -108,7 +113,8 @@ class Odometer:
         if before is not None and before.t_ns - 1e9 * self.settings.longest_s <= pair.t_ns <= before.t_ns:
             return None
         left, right = pair.half or map(halve, gray8(pair.left, pair.right))
-        self._before = _Frame(pair.t_ns, left, self._corners(left, right))
+        corners = _spread_corners(left, self.settings.features)
+        self._before = _Frame(pair.t_ns, left, _in_both(left, right, corners)[0])
         if before is None or pair.t_ns <= before.t_ns:
             return None
         found = self._measure(before, left, right, pair.t_ns)
@@ -116,35 +122,14 @@ class Odometer:
             return EgoMotion.unknown(before.t_ns, pair.t_ns, found)
         return found
 
-    def _corners(self, left: Gray, right: Gray) -> FloatArray:
-        """Return (n, 3) u, v, d of corners spread over the image."""
-        points = _spread_corners(left, self.settings.features)
-        return self._stereo(left, right, points, None)[0]
-
-    def _stereo(
-        self, left: Gray, right: Gray, points: Points, d_px: FloatArray | None
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return (m, 3) u, v, d at full resolution of the points (n, 2) that were found in the right image, and which.
-
-        `d_px` (n,), where known, is about how large their disparities are.
-        """
-        guess = points.copy()
-        if d_px is not None:
-            guess[:, 0] -= d_px.astype(np.float32) / 2
-        there, good = _follow(left, right, points, guess)
-        d = points[:, 0] - there[:, 0]
-        good &= (np.abs(points[:, 1] - there[:, 1]) < ROW_PX) & (2 * d > LEAST_D_PX)
-        # A half-resolution pixel is the mean of 2x2 full ones.
-        full = np.stack([2 * points[:, 0] + 0.5, 2 * points[:, 1] + 0.5, 2 * d], -1).astype(float)
-        return full[good], good
-
     def _measure(self, before: _Frame, left: Gray, right: Gray, t_ns: int) -> EgoMotion | str:
         s, dt_s = self.settings, (t_ns - before.t_ns) / 1e9
         if dt_s > s.longest_s:
             return f"no frame for {dt_s:.1f} s"
         begin = ((before.uvd[:, :2] - 0.5) / 2).astype(np.float32)
-        there, good = _follow(before.left, left, begin, begin.copy())
-        now, seen = self._stereo(left, right, there[good], before.uvd[good, 2])
+        guess, levels = self._foreseen(before.uvd, begin, dt_s)
+        there, good = _follow(before.left, left, begin, guess, levels)
+        now, seen = _in_both(left, right, there[good], before.uvd[good, 2])
         then = before.uvd[good][seen]
         if len(then) < s.least_features:
             return f"only {len(then)} features could be followed"
@@ -157,15 +142,50 @@ class Odometer:
         if count < max(s.least_features, s.least_share * len(then)):
             return f"only {count} of {len(then)} features agree on one motion"
         self._offset_px, self._offset_px2 = motion.offset_px, min(float(motion.cov[6, 6]), s.offset_px**2)
-        T, cov = motion.T, motion.cov[:6, :6]
-        velocity = -T[:3, 3] / dt_s
-        before_mps, self._velocity_mps = self._velocity_mps, (t_ns, velocity)
-        if before_mps is not None and 0 < t_ns - before_mps[0] <= 1e9 * ACCELERATION_GAP_S:
-            change = np.linalg.norm(velocity - before_mps[1]) / ((t_ns - before_mps[0]) / 1e9)
-            slack = 4 * np.sqrt(np.trace(cov[3:, 3:])) / dt_s**2
-            if change > LARGEST_MPS2 + slack:
-                return f"it would be an acceleration of {change:.0f} m/s2"
+        T, cov = motion.T, motion.cov[:6, :6] + _lens_error(motion.T)
+        jerked = self._jerked(T, cov, dt_s, t_ns)
+        self._twist, self._twist_t_ns = np.concatenate([rotvec_from_rotation(T[:3, :3]), T[:3, 3]]) / dt_s, t_ns
+        if jerked:
+            return jerked
         return EgoMotion(before.t_ns, t_ns, T, cov, used=count)
+
+    def _jerked(self, T: FloatArray, cov: FloatArray, dt_s: float, t_ns: int) -> str:
+        """Return what is wrong with a motion that no vehicle makes after the one before; empty if nothing is."""
+        gap_s = (t_ns - self._twist_t_ns) / 1e9
+        if self._twist is None or gap_s > ACCELERATION_GAP_S:
+            return ""
+        change_mps2 = float(np.linalg.norm(T[:3, 3] / dt_s - self._twist[3:])) / gap_s
+        slack_mps2 = 4 * float(np.sqrt(np.trace(cov[3:, 3:]))) / dt_s / gap_s
+        if change_mps2 <= LARGEST_MPS2 + slack_mps2:
+            return ""
+        return f"it would be an acceleration of {change_mps2:.0f} m/s2"
+
+    def _foreseen(self, uvd: FloatArray, points: Points, dt_s: float) -> tuple[Points, int]:
+        """Return where points (n, 2) should be now if the vehicle moves on as it did, and levels to search."""
+        if self._twist is None:
+            return points.copy(), LEVELS
+        T = pose(rotation_from_rotvec(self._twist[:3] * dt_s), self._twist[3:] * dt_s)
+        there = image_from_car(self.rectification, transform(T, triangulate(self.rectification, uvd)))
+        guess = ((there[:, :2] - 0.5) / 2).astype(np.float32)
+        return np.where(np.isfinite(guess), guess, points), MORE_LEVELS
+
+
+def _in_both(
+    left: Gray, right: Gray, points: Points, d_px: FloatArray | None = None
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return (m, 3) u, v, d at full resolution of the points (n, 2) that were found in the right image, and which.
+
+    `d_px` (n,), where known, is about how large their disparities are.
+    """
+    guess = points.copy()
+    if d_px is not None:
+        guess[:, 0] -= d_px.astype(np.float32) / 2
+    there, good = _follow(left, right, points, guess, LEVELS if d_px is None else FEW_LEVELS)
+    d = points[:, 0] - there[:, 0]
+    good &= (np.abs(points[:, 1] - there[:, 1]) < ROW_PX) & (2 * d > LEAST_D_PX)
+    # A half-resolution pixel is the mean of 2x2 full ones.
+    full = np.stack([2 * points[:, 0] + 0.5, 2 * points[:, 1] + 0.5, 2 * d], -1).astype(float)
+    return full[good], good
 
 
 def _spread_corners(gray: Gray, features: int) -> Points:
@@ -184,14 +204,16 @@ def _spread_corners(gray: Gray, features: int) -> Points:
     return np.stack([column * cell + best_u, row * cell + best_v], -1).astype(np.float32)
 
 
-def _follow(here: Gray, there: Gray, points: Points, guess: Points) -> tuple[Points, NDArray[np.bool_]]:
-    """Return where points (n, 2) of one image are in another, and which of them can be trusted."""
+def _follow(here: Gray, there: Gray, points: Points, guess: Points, levels: int) -> tuple[Points, NDArray[np.bool_]]:
+    """Return where points (n, 2) of one image are in another, and which of them can be trusted.
+
+    `levels` of the image pyramid make up for how bad the `guess` (n, 2) is.
+    """
     if not len(points):
         return points, np.zeros(0, bool)
-    options = {"winSize": (WINDOW_PX, WINDOW_PX), "maxLevel": LEVELS, "criteria": STOP}
-    use = cv2.OPTFLOW_USE_INITIAL_FLOW
-    found, seen, _ = cv2.calcOpticalFlowPyrLK(here, there, points, guess, flags=use, **options)
-    back, returned, _ = cv2.calcOpticalFlowPyrLK(there, here, found, points.copy(), flags=use, **options)
+    options = {"winSize": (WINDOW_PX, WINDOW_PX), "criteria": STOP, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
+    found, seen, _ = cv2.calcOpticalFlowPyrLK(here, there, points, guess, maxLevel=levels, **options)
+    back, returned, _ = cv2.calcOpticalFlowPyrLK(there, here, found, points.copy(), maxLevel=0, **options)
     good = (seen[:, 0] > 0) & (returned[:, 0] > 0)
     return found, good & (np.hypot(*(back - points).T) < RETURNED_PX)
 
@@ -236,10 +258,11 @@ def _refined(
         Noise of each of these numbers.
     """
     T, offset_px = start.T, start.offset_px
+    shape_then, shape_now = (_yaw_shape(rectification, uvd) for uvd in (then, now))
     prior = np.zeros((7, 7))
     prior[6, 6] = 1 / start.cov[6, 6]
     for _ in range(STEPS):
-        shifted = then + (0.0, 0.0, offset_px)
+        shifted = then + offset_px * shape_then
         points = triangulate(rectification, shifted)
         moved = points @ T[:3, :3].T + T[:3, 3]
         ahead = moved[:, 2] > NEAREST_M
@@ -247,10 +270,10 @@ def _refined(
         J_now = image_jacobian(rectification, moved)
         carried = J_now @ (T[:3, :3] @ triangulate_jacobian(rectification, shifted))
         weight = np.linalg.inv(sigma_px**2 * (np.eye(3) + carried @ carried.swapaxes(1, 2)))
-        residual = now - image_from_car(rectification, moved) + (0.0, 0.0, offset_px)
+        residual = now - image_from_car(rectification, moved) + offset_px * shape_now
         squared = np.einsum("ni,nij,nj->n", residual, weight, residual)
         trust = ahead / (1 + squared / CAUCHY**2)
-        by_offset = carried[:, :, 2:] - [[0.0], [0.0], [1.0]]
+        by_offset = carried @ shape_then[..., None] - shape_now[..., None]
         J = np.concatenate([J_now @ -_skew(moved), J_now, by_offset], 2)
         JW = J.swapaxes(1, 2) @ (weight * trust[:, None, None])
         normal = (JW @ J).sum(0) + prior
@@ -263,6 +286,19 @@ def _refined(
     # What the features scatter more than they should, the motion is less sure.
     excess = max(1.0, float(np.median(squared[used])) / MEDIAN_OF_3) if used.any() else 1.0
     return _Motion(T, offset_px, np.linalg.pinv(normal) * excess), used
+
+
+def _lens_error(T: FloatArray) -> FloatArray:
+    """Return the (6, 6) covariance of what no number of features averages away."""
+    sigma_m = LENS_SHARE * float(np.linalg.norm(T[:3, 3]))
+    return np.diag([LENS_RAD**2] * 3 + [sigma_m**2] * 3)
+
+
+def _yaw_shape(rectification: Rectification, uvd: FloatArray) -> FloatArray:
+    """Return (n, 3) d(u, v, d) by the disparity's offset in the middle: what turns the right camera about its y axis."""
+    shape = np.zeros_like(uvd)
+    shape[:, 2] = 1 + ((uvd[:, 0] - rectification.cx_px) / rectification.f_px) ** 2
+    return shape
 
 
 def _skew(vectors: FloatArray) -> FloatArray:
