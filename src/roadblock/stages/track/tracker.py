@@ -1,0 +1,396 @@
+"""The tracker: obstacles of a frame in, the same obstacles with their tracks out; remembers the drive."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roadblock.geometry.pose import pose, rotation_from_rotvec, rotvec_from_rotation, vehicle_from_car
+from roadblock.stages.track.associate import assign, covered, distances
+from roadblock.stages.track.bank import Bank
+from roadblock.stages.track.describe import describe, moved_obstacle
+from roadblock.stages.track.kalman import Optics, begin, correct, predict
+from roadblock.stages.track.settings import TrackSettings
+from roadblock.values.camera import Rectification
+from roadblock.values.checks import FloatArray
+from roadblock.values.motion import EgoMotion
+from roadblock.values.scene import FreeSpace, Obstacle
+
+Indices = NDArray[np.intp]
+
+SPEED_MPS = 12.0
+"""Standard deviation of the velocity of something just born."""
+CONFIRMED, GIVEN_UP = 2, 2
+"""Measured so often, an obstacle has a track; missed so often before, it never was there: two of three."""
+SIDE_SHARE, ROW_SHARE = 0.05, 0.15
+"""Share of a box's width, and of its height, by which its measured point wanders as its outline changes."""
+TIMIDITY, MEDIAN_OF_1 = 0.2, 0.455
+"""How fast the noise is learnt, and the median of a squared normal number."""
+NOISE_LIMITS = (-1.4, 2.2)
+"""Log of the factors (0.25 to 9) within which the variance of the noise is learnt."""
+TRUSTED_S = 0.4
+"""Tracks of this age tell how noisy measurements are."""
+SAME_SHARE = 0.5
+"""Boxes of which so much is shared are pieces of each other."""
+CLEAR_M = 1.0
+"""Free road must be seen this far behind an obstacle to contradict it."""
+EGO_KNOWN_S = 1.0
+"""So long the vehicle's motion is taken to go on."""
+EGO_MPS2, EGO_RADPS2 = 3.0, 0.3
+"""By about how much it changes meanwhile."""
+RELATIVE_NOISE = 4.0
+"""Velocities relative to the vehicle change so much faster."""
+
+
+class Tracker:
+    """Follows obstacles through a drive; one rig, one tracker.
+
+    Parameters
+    ----------
+    rectification
+        The twin cameras.
+    T_vehicle_car
+        The rig's mounting, or None.
+    settings
+        What counts as evidence.
+    """
+
+    def __init__(
+        self,
+        rectification: Rectification,
+        T_vehicle_car: FloatArray | None = None,
+        settings: TrackSettings | None = None,
+    ) -> None:
+        self.settings = settings or TrackSettings()
+        self.optics = Optics(rectification, vehicle_from_car(T_vehicle_car))
+        self._ids = 0
+        self._log_noise = np.zeros(3)
+        self._restart()
+
+    def _restart(self) -> None:
+        self._t_ns: int | None = None
+        self._bank = Bank.born(np.zeros((0, 5)), np.zeros((0, 5, 5)), 0, [], np.zeros((0, 2)))
+        self._twist, self._twist_cov, self._twist_t_ns = np.zeros(6), np.zeros((6, 6)), 0
+        self._over_ground = False
+
+    def update(
+        self, obstacles: Sequence[Obstacle], t_ns: int, ego: EgoMotion | None, free_space: FreeSpace | None = None
+    ) -> tuple[Obstacle, ...]:
+        """Take the obstacles of the next frame in.
+
+        Parameters
+        ----------
+        obstacles
+            As measured.
+        t_ns
+            When. A frame of the same moment or of an earlier one (duplicated, out of order) changes nothing: its
+            obstacles are only recognised. One that is much earlier or later begins a new drive.
+        ego
+            How the vehicle moved since the frame before; None or unknown: as it did before, for a second.
+        free_space
+            Of the same frame: free road contradicts what should stand on it.
+
+        Returns
+        -------
+        The same obstacles, with tracks where they have one; and those not measured now that must still be there.
+        """
+        longest_ns = 1e9 * self.settings.longest_gap_s
+        if self._t_ns is not None and abs(t_ns - self._t_ns) > longest_ns:
+            self._restart()
+        dt_s = 0.0 if self._t_ns is None else (t_ns - self._t_ns) / 1e9
+        uvd, noise_px2, looks = self._measured(obstacles)
+        if self._t_ns is not None and dt_s <= 0:
+            return self._recognized(obstacles, uvd, noise_px2, looks, dt_s)
+        if self._t_ns is not None:
+            self._predict(dt_s, t_ns, ego)
+        self._t_ns = t_ns
+        expected, J = self.optics.see(self._bank.x[:, :3])
+        rows, columns, noise_px2 = self._matched(obstacles, expected, J, uvd, noise_px2, looks)
+        self._learn(rows, uvd[columns] - expected[rows], J, noise_px2[columns])
+        self._correct(rows, columns, obstacles, uvd, noise_px2, looks, expected, J)
+        merged = self._merged(rows, obstacles, expected)
+        self._forget(rows, merged, dt_s, free_space)
+        # What is left of the bank keeps its order; the new ones come last.
+        self._bear(columns, obstacles, uvd, noise_px2, looks)
+        return self._reported(obstacles)
+
+    def _measured(self, obstacles: Sequence[Obstacle]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return (m, 3) u, v, d, their covariance (m, 3, 3) as learnt, and (m, 2) log of width and height."""
+        m = len(obstacles)
+        uvd = np.array([o.uvd_px for o in obstacles]).reshape(m, 3)
+        noise_px2 = np.array([o.cov_uvd_px2 for o in obstacles]).reshape(m, 3, 3)
+        box = np.array([o.box_px for o in obstacles], float).reshape(m, 4)
+        noise_px2[:, 0, 0] += (SIDE_SHARE * (box[:, 2] - box[:, 0])) ** 2
+        noise_px2[:, 1, 1] += (ROW_SHARE * (box[:, 3] - box[:, 1])) ** 2
+        factor = np.exp(self._log_noise / 2)
+        size_m = np.array([o.size_m for o in obstacles]).reshape(m, 3)[:, :2]
+        return uvd, noise_px2 * factor * factor[:, None], np.log(np.maximum(size_m, 0.05))
+
+    def _predict(self, dt_s: float, t_ns: int, ego: EgoMotion | None) -> None:
+        """Bring all tracks to the next frame."""
+        assert self._t_ns is not None  # noqa: S101
+        if ego is not None and ego.T_now_before is not None and (ego.before_t_ns, ego.t_ns) == (self._t_ns, t_ns):
+            T, cov = _in_vehicle(ego.T_now_before, ego.cov, self.optics.T_vehicle_car)
+            self._twist = np.concatenate([rotvec_from_rotation(T[:3, :3]), T[:3, 3]]) / dt_s
+            self._twist_cov, self._twist_t_ns = cov / dt_s**2, t_ns
+            self._ground(True)
+        else:
+            unknown_s = (t_ns - self._twist_t_ns) / 1e9
+            if self._over_ground and unknown_s > EGO_KNOWN_S:
+                self._ground(False)
+            T, cov = self._going_on(dt_s, unknown_s)
+        noise = self.settings.noise_m2ps3 * (1.0 if self._over_ground else RELATIVE_NOISE)
+        x, P = predict(self._bank.x, self._bank.P, dt_s, T, cov, noise)
+        self._bank = replace(self._bank, x=x, P=P)
+
+    def _ground(self, over_ground: bool) -> None:
+        """Let velocities be over ground, or relative to the vehicle."""
+        if over_ground == self._over_ground:
+            return
+        self._over_ground = over_ground
+        still = self._standing_mps(self._bank.x[:, :3])[:, :2]
+        x = self._bank.x.copy()
+        x[:, 3:] += -still if over_ground else still
+        x[self._bank.found == 1, 3:] = 0.0  # nothing but a guess, which stays
+        self._bank = replace(self._bank, x=x)
+
+    def _standing_mps(self, places: FloatArray) -> FloatArray:
+        """Return (n, 3) how places (n, 3) that stand still move as seen from the vehicle."""
+        return np.asarray(np.cross(self._twist[:3], places) + self._twist[3:])
+
+    def _going_on(self, dt_s: float, unknown_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return how the vehicle moves in `dt_s` if it goes on as it did `unknown_s` ago, and how sure that is."""
+        if not self._over_ground:
+            return np.eye(4), np.zeros((6, 6))
+        T = pose(rotation_from_rotvec(self._twist[:3] * dt_s), self._twist[3:] * dt_s)
+        sigma = np.array([EGO_RADPS2] * 3 + [EGO_MPS2] * 3) * unknown_s * dt_s
+        return T, self._twist_cov * dt_s**2 + np.diag(sigma**2)
+
+    def _matched(
+        self,
+        obstacles: Sequence[Obstacle],
+        expected: FloatArray,
+        J: FloatArray,
+        uvd: FloatArray,
+        noise_px2: FloatArray,
+        looks: FloatArray,
+    ) -> tuple[Indices, Indices, FloatArray]:
+        """Return which track (rows) is which obstacle (columns), and the noise of these measurements.
+
+        First by distance; then what is left by shared pixels, for things that were torn apart or grew together: their
+        distance says much about them, but where in the picture their middle is says little.
+        """
+        rows, columns = self._near(expected, J, self._bank.P, uvd, noise_px2, looks)
+        free_rows = np.setdiff1d(np.flatnonzero(self._bank.id), rows)
+        free_columns = np.setdiff1d(np.arange(len(obstacles)), columns)
+        if not len(free_rows) or not len(free_columns):
+            return rows, columns, noise_px2
+        boxes = self._boxes(free_rows, expected)
+        others = np.array([obstacles[j].box_px for j in free_columns], float)
+        shared = np.maximum(covered(boxes, others), covered(others, boxes).T)
+        S = _projected(J[free_rows], self._bank.P[free_rows])
+        off = (uvd[free_columns, 2] - expected[free_rows, None, 2]) ** 2
+        close = off <= self.settings.gate * (S[:, None, 2, 2] + noise_px2[free_columns, 2, 2])
+        squared = np.where((shared >= SAME_SHARE) & close, 1 - shared, np.inf)
+        more_rows, more_columns = assign(squared, np.zeros_like(squared), np.zeros_like(squared))
+        noise_px2 = noise_px2.copy()
+        size = others[more_columns, 2:] - others[more_columns, :2]
+        rough = free_columns[more_columns]
+        noise_px2[rough, 0, 0] += (size[:, 0] / 2) ** 2
+        noise_px2[rough, 1, 1] += (size[:, 1] / 2) ** 2
+        return np.concatenate([rows, free_rows[more_rows]]), np.concatenate([columns, rough]), noise_px2
+
+    def _near(
+        self,
+        expected: FloatArray,
+        J: FloatArray,
+        P: FloatArray,
+        uvd: FloatArray,
+        noise_px2: FloatArray,
+        looks: FloatArray,
+    ) -> tuple[Indices, Indices]:
+        squared, volume = distances(expected, _projected(J, P), uvd, noise_px2, self.settings.gate)
+        unlike = ((self._bank.looks[:, None] - looks[None]) ** 2).sum(2)
+        return assign(squared, volume, unlike)
+
+    def _boxes(self, rows: Indices, expected: FloatArray) -> FloatArray:
+        """Return (k, 4) where the boxes of some tracks should be now; NaN behind the cameras."""
+        before = np.array([o.uvd_px for o in self._bank.last[rows]]).reshape(-1, 3)
+        box = np.array([o.box_px for o in self._bank.last[rows]], float).reshape(-1, 2, 2)
+        scale = (expected[rows, 2] / before[:, 2])[:, None, None]
+        return ((box - before[:, None, :2]) * scale + expected[rows, None, :2]).reshape(-1, 4)
+
+    def _learn(self, rows: Indices, innovation: FloatArray, J: FloatArray, noise_px2: FloatArray) -> None:
+        """Learn how noisy u, v and d are from how often they surprise: half of all must be off by less than expected.
+
+        The detector's own sigmas may be wrong by a factor, and are wrong for all obstacles alike.
+        """
+        assert self._t_ns is not None  # noqa: S101
+        old = self._t_ns - self._bank.born_ns[rows] >= 1e9 * TRUSTED_S
+        if not old.any():
+            return
+        S = _projected(J[rows[old]], self._bank.P[rows[old]]) + noise_px2[old]
+        off = innovation[old] ** 2 > MEDIAN_OF_1 * S[:, [0, 1, 2], [0, 1, 2]]
+        step = TIMIDITY * (off - 0.5).sum(0) / (len(off) + 2)
+        self._log_noise = np.clip(self._log_noise + step, *NOISE_LIMITS)
+
+    def _correct(
+        self,
+        rows: Indices,
+        columns: Indices,
+        obstacles: Sequence[Obstacle],
+        uvd: FloatArray,
+        noise_px2: FloatArray,
+        looks: FloatArray,
+        expected: FloatArray,
+        J: FloatArray,
+    ) -> None:
+        """Let tracks know what was measured of them."""
+        if not len(rows):
+            return
+        b, t_ns = self._bank, self._t_ns
+        b.x[rows], b.P[rows] = correct(
+            b.x[rows], b.P[rows], uvd[columns] - expected[rows], J[rows], noise_px2[columns]
+        )
+        b.found[rows] += 1
+        b.missed[rows], b.doubt_s[rows], b.seen_ns[rows] = 0, 0.0, t_ns
+        b.looks[rows] += 0.3 * (looks[columns] - b.looks[rows])
+        for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
+            b.last[row] = obstacles[column]
+        b.foot_m[rows] = np.array([o.position_m for o in b.last[rows]]) - b.x[rows, :3]
+        for row in np.flatnonzero((b.id == 0) & (b.found >= CONFIRMED)):
+            self._ids += 1
+            b.id[row] = self._ids
+
+    def _merged(self, rows: Indices, obstacles: Sequence[Obstacle], expected: FloatArray) -> NDArray[np.bool_]:
+        """Return (n,) which tracks are not measured because they are part of something that is, at their distance."""
+        merged = np.zeros(len(self._bank), bool)
+        missing = np.setdiff1d(np.flatnonzero(self._bank.id), rows)
+        if len(missing) and len(obstacles):
+            boxes = np.array([o.box_px for o in obstacles], float)
+            range_m = np.array([o.range_m for o in obstacles])
+            r = self.optics.rectification
+            there_m = r.f_px * r.baseline_m / expected[missing, 2]
+            alike = np.abs(range_m - there_m[:, None]) <= np.maximum(2.0, 0.15 * there_m)[:, None]
+            merged[missing] = ((covered(self._boxes(missing, expected), boxes) >= SAME_SHARE) & alike).any(1)
+        return merged
+
+    def _forget(self, rows: Indices, merged: NDArray[np.bool_], dt_s: float, free_space: FreeSpace | None) -> None:
+        """Count what was not measured, and drop what is gone."""
+        b, s = self._bank, self.settings
+        assert self._t_ns is not None  # noqa: S101
+        missing = np.ones(len(b), bool)
+        missing[rows] = False
+        self._shown = ~merged
+        if not missing.any():
+            return
+        b.missed[missing] += 1
+        uvd, _ = self.optics.see(b.x[:, :3])
+        width, height = self.optics.rectification.size_px
+        with np.errstate(invalid="ignore"):
+            inside = (uvd[:, 0] >= 0) & (uvd[:, 0] < width) & (uvd[:, 1] > -height) & (uvd[:, 1] < 2 * height)
+        limit_s = np.full(len(b), s.forget_s)
+        for row in np.flatnonzero(missing & inside & ~merged & (b.id > 0)):
+            ahead_m, there_m = self._seen_there(row, uvd[row], free_space)
+            if ahead_m > there_m + CLEAR_M:
+                b.doubt_s[row] += dt_s
+            elif ahead_m < there_m - CLEAR_M:
+                limit_s[row] = s.hidden_s
+        limit_s[merged] = s.hidden_s
+        unseen_s = (self._t_ns - b.seen_ns) / 1e9
+        gone = missing & (~inside | (unseen_s > limit_s) | (b.doubt_s > s.contradicted_s))
+        gone |= (b.id == 0) & (b.missed >= GIVEN_UP)
+        self._bank, self._shown = b.chosen(~gone), self._shown[~gone]
+
+    def _seen_there(self, row: int, uvd: FloatArray, free_space: FreeSpace | None) -> tuple[float, float]:
+        """Return how far the road is seen to be free in the direction of a track, and how far off that is (+3 sigma).
+
+        NaN where nothing was seen.
+        """
+        r, P = self.optics.rectification, self._bank.P[row]
+        n = self.optics.T_car_vehicle[2, :3]
+        there_m = r.f_px * r.baseline_m / uvd[2]
+        if free_space is None or not len(free_space.u_px):
+            return float("nan"), there_m
+        half_px = np.exp(self._bank.looks[row, 0]) * uvd[2] / r.baseline_m / 4
+        near = np.abs(free_space.u_px - uvd[0]) <= max(half_px, 4.0)
+        ranges = free_space.range_m[near]
+        ranges = ranges[np.isfinite(ranges)]
+        ahead_m = float(np.median(ranges)) if len(ranges) else float("nan")
+        sigma_m = float(np.sqrt(n @ P[:3, :3] @ n))
+        return ahead_m, there_m + 3 * sigma_m if ahead_m > there_m else there_m
+
+    def _bear(
+        self,
+        columns: Indices,
+        obstacles: Sequence[Obstacle],
+        uvd: FloatArray,
+        noise_px2: FloatArray,
+        looks: FloatArray,
+    ) -> None:
+        """Begin a track of everything that belongs to none."""
+        new = np.setdiff1d(np.arange(len(obstacles)), columns)
+        if not len(new):
+            return
+        place, cov_m2 = self.optics.place(uvd[new], noise_px2[new])
+        x, P = begin(place, cov_m2, SPEED_MPS)
+        assert self._t_ns is not None  # noqa: S101
+        self._bank = self._bank.joined(Bank.born(x, P, self._t_ns, [obstacles[j] for j in new], looks[new]))
+        self._shown = np.concatenate([self._shown, np.ones(len(new), bool)])
+
+    def _reported(self, obstacles: Sequence[Obstacle]) -> tuple[Obstacle, ...]:
+        """Return all obstacles of this frame with their tracks, and those that coast."""
+        b = self._bank
+        assert self._t_ns is not None  # noqa: S101
+        coasted_s = (self._t_ns - b.seen_ns) / 1e9
+        shown = (b.id > 0) & ((coasted_s == 0) | (self._shown & (coasted_s <= self.settings.coast_s)))
+        shown &= (coasted_s == 0) | (b.doubt_s == 0)
+        rows = np.flatnonzero(shown)
+        tracks = describe(b, rows, self._t_ns, self.optics, self._standing_mps(b.x[rows, :3]), self._over_ground,
+                          self._twist_cov)
+        own = {id(b.last[row]): track for row, track in zip(rows.tolist(), tracks, strict=True)}
+        measured = [o.with_track(own[id(o)]) if id(o) in own else o for o in obstacles]
+        coasting = [
+            moved_obstacle(b, row, self.optics).with_track(track)
+            for row, track in zip(rows.tolist(), tracks, strict=True)
+            if track.coasted_s > 0
+        ]
+        return (*measured, *coasting)
+
+    def _recognized(
+        self,
+        obstacles: Sequence[Obstacle],
+        uvd: FloatArray,
+        noise_px2: FloatArray,
+        looks: FloatArray,
+        dt_s: float,
+    ) -> tuple[Obstacle, ...]:
+        """Return obstacles of an earlier moment, or of the same again, with their tracks; remember nothing."""
+        b = self._bank
+        assert self._t_ns is not None  # noqa: S101
+        T, cov = self._going_on(dt_s, abs(dt_s))
+        x, P = predict(b.x, b.P, dt_s, T, cov, self.settings.noise_m2ps3)
+        expected, J = self.optics.see(x[:, :3])
+        rows, columns = self._near(expected, J, P, uvd, noise_px2, looks)
+        known = b.id[rows] > 0
+        rows, columns = rows[known], columns[known]
+        then = replace(b, x=x, P=P)
+        tracks = describe(then, rows, self._t_ns, self.optics, self._standing_mps(x[rows, :3]), self._over_ground,
+                          self._twist_cov)
+        own = dict(zip(columns.tolist(), tracks, strict=True))
+        return tuple(o.with_track(own[j]) if j in own else o for j, o in enumerate(obstacles))
+
+
+def _projected(J: FloatArray, P: FloatArray) -> FloatArray:
+    """Return (n, 3, 3) the covariance of u, v, d that is the tracks' own."""
+    return np.asarray(J @ P[:, :3, :3] @ J.swapaxes(1, 2))
+
+
+def _in_vehicle(T: FloatArray, cov: FloatArray, A: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a motion of the car frame, and its covariance, as one of the vehicle frame; `A` is `T_vehicle_car`."""
+    R, (x, y, z) = A[:3, :3], A[:3, 3]
+    adjoint = np.zeros((6, 6))
+    adjoint[:3, :3] = adjoint[3:, 3:] = R
+    adjoint[3:, :3] = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ R
+    return A @ T @ np.linalg.inv(A), adjoint @ cov @ adjoint.T
