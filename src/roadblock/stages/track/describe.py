@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from roadblock.stages.track.bank import Bank
 from roadblock.stages.track.kalman import Optics
@@ -16,6 +17,8 @@ SLOW_MPS = 0.7
 """What is slower stands, if that is known well."""
 STANDING_SIGMA_MPS = 0.6
 """Largest standard deviation of a velocity that is known well."""
+EARLY_S = 0.3
+"""What is known for a shorter time, neither moves nor stands: two pieces of one thing may look like a fast one."""
 CLOSING_MPS = 0.3
 CLOSING_SIGMAS = 2.0
 """What comes closer no faster than this has no time to collision."""
@@ -23,7 +26,7 @@ CLOSING_SIGMAS = 2.0
 
 def describe(
     bank: Bank,
-    rows: np.ndarray,
+    rows: NDArray[np.intp],
     t_ns: int,
     optics: Optics,
     standing_mps: FloatArray,
@@ -62,8 +65,8 @@ def describe(
     v = np.where(sure, closing_mps, np.nan)
     ttc_s = z_m / v
     ttc_sigma_s = np.sqrt(np.maximum(z_var + ttc_s**2 * closing_var + 2 * ttc_s * both, 0)) / v
-    motions = motion_states(x[:, 3:], P[:, 3:, 3:]) if over_ground else ["unknown"] * len(rows)
     ages_s, unseen_s = (t_ns - bank.born_ns[rows]) / 1e9, (t_ns - bank.seen_ns[rows]) / 1e9
+    motions = np.where(over_ground & (ages_s >= EARLY_S), motion_states(x[:, 3:], P[:, 3:, 3:]), "unknown").tolist()
     return [
         Track(number, age_s, coasted_s, x[i, :3], P[i, :3, :3], x[i, 3:], P[i, 3:, 3:], over_ground, *rest)
         for i, (number, age_s, coasted_s, *rest) in enumerate(
@@ -80,7 +83,7 @@ def describe(
     ]
 
 
-def motion_states(v: FloatArray, cov: FloatArray) -> list[str]:
+def motion_states(v: FloatArray, cov: FloatArray) -> NDArray[np.str_]:
     """Return for each velocity (n, 2) over ground with covariance (n, 2, 2) whether it moves."""
     a, b, c = cov[:, 0, 0], cov[:, 0, 1], cov[:, 1, 1]
     x, y = v.T
@@ -88,7 +91,7 @@ def motion_states(v: FloatArray, cov: FloatArray) -> list[str]:
     speed = np.hypot(x, y)
     moves = (squared > SURE) & (speed > SLOW_MPS)
     stands = (speed <= SLOW_MPS) & (np.maximum(a, c) <= STANDING_SIGMA_MPS**2)
-    return np.where(moves, "moving", np.where(stands, "standing", "unknown")).tolist()
+    return np.where(moves, "moving", np.where(stands, "standing", "unknown"))
 
 
 def moved_obstacle(bank: Bank, row: int, optics: Optics) -> Obstacle:

@@ -25,6 +25,8 @@ CONFIRMED, GIVEN_UP = 2, 2
 """Measured so often, an obstacle has a track; missed so often before, it never was there: two of three."""
 SIDE_SHARE, ROW_SHARE = 0.05, 0.15
 """Share of a box's width, and of its height, by which its measured point wanders as its outline changes."""
+DEPTH_M = 0.1
+"""By which the nearest face wanders."""
 TIMIDITY, MEDIAN_OF_1 = 0.2, 0.455
 """How fast the noise is learnt, and the median of a squared normal number."""
 NOISE_LIMITS = (-1.4, 2.2)
@@ -123,6 +125,8 @@ class Tracker:
         box = np.array([o.box_px for o in obstacles], float).reshape(m, 4)
         noise_px2[:, 0, 0] += (SIDE_SHARE * (box[:, 2] - box[:, 0])) ** 2
         noise_px2[:, 1, 1] += (ROW_SHARE * (box[:, 3] - box[:, 1])) ** 2
+        r = self.optics.rectification
+        noise_px2[:, 2, 2] += (DEPTH_M * uvd[:, 2] ** 2 / (r.f_px * r.baseline_m)) ** 2
         factor = np.exp(self._log_noise / 2)
         size_m = np.array([o.size_m for o in obstacles]).reshape(m, 3)[:, :2]
         return uvd, noise_px2 * factor * factor[:, None], np.log(np.maximum(size_m, 0.05))
