@@ -18,7 +18,7 @@ from roadblock.kernels.gray import gray8, halve
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.frame import Gray, RectifiedPair
-from roadblock.values.motion import EgoMotion
+from roadblock.values.motion import EgoMotion, Flow
 
 Points = NDArray[np.float32]
 
@@ -137,7 +137,7 @@ class Odometer:
         if T is None:
             return "no motion that the features agree on"
         start = _Motion(T, self._offset_px, np.diag([0.0] * 6 + [self._offset_px2 + DRIFT_PX**2]))
-        motion, used = _refined(self.rectification, start, then, now, s.sigma_px)
+        motion, used, flow = _refined(self.rectification, start, then, now, s.sigma_px)
         count = int(used.sum())
         if count < max(s.least_features, s.least_share * len(then)):
             return f"only {count} of {len(then)} features agree on one motion"
@@ -147,7 +147,7 @@ class Odometer:
         self._twist, self._twist_t_ns = np.concatenate([rotvec_from_rotation(T[:3, :3]), T[:3, 3]]) / dt_s, t_ns
         if jerked:
             return jerked
-        return EgoMotion(before.t_ns, t_ns, T, cov, used=count)
+        return EgoMotion(before.t_ns, t_ns, T, cov, used=count, flow=flow)
 
     def _jerked(self, T: FloatArray, cov: FloatArray, dt_s: float, t_ns: int) -> str:
         """Return what is wrong with a motion that no vehicle makes after the one before; empty if nothing is."""
@@ -243,8 +243,8 @@ def _agreed(rectification: Rectification, then: FloatArray, now: FloatArray) -> 
 
 def _refined(
     rectification: Rectification, start: _Motion, then: FloatArray, now: FloatArray, sigma_px: float
-) -> tuple[_Motion, NDArray[np.bool_]]:
-    """Return the motion after robust Gauss-Newton, and which features agree with it.
+) -> tuple[_Motion, NDArray[np.bool_], Flow]:
+    """Return the motion after robust Gauss-Newton, which features agree with it, and how far off each is.
 
     Parameters
     ----------
@@ -285,7 +285,8 @@ def _refined(
     used = ahead & (squared < OUTLIER)
     # What the features scatter more than they should, the motion is less sure.
     excess = max(1.0, float(np.median(squared[used])) / MEDIAN_OF_3) if used.any() else 1.0
-    return _Motion(T, offset_px, np.linalg.pinv(normal) * excess), used
+    flow = Flow((now + offset_px * shape_now)[ahead], residual[ahead], weight[ahead])
+    return _Motion(T, offset_px, np.linalg.pinv(normal) * excess), used, flow
 
 
 def _lens_error(T: FloatArray) -> FloatArray:

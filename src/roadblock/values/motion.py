@@ -12,6 +12,25 @@ MOTIONS = ("moving", "standing", "unknown")
 
 
 @dataclass(frozen=True, eq=False)
+class Flow:
+    """Features of the picture that were followed from one frame to the next.
+
+    Attributes
+    ----------
+    uvd_px
+        (k, 3) where they are now: column, row, disparity.
+    off_px
+        (k, 3) how far that is from where they would be if they stood still.
+    information_px2
+        (k, 3, 3) inverse covariance of `off_px`, per square pixel.
+    """
+
+    uvd_px: FloatArray
+    off_px: FloatArray
+    information_px2: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class EgoMotion:
     """How the cameras moved between two frames, or why nobody knows.
 
@@ -28,6 +47,8 @@ class EgoMotion:
         Why it is unknown, in words; empty if it is known.
     used
         How many features agree with it.
+    flow
+        All features, those that disagree too; None if the motion is unknown.
 
     Raises
     ------
@@ -42,6 +63,7 @@ class EgoMotion:
     cov: FloatArray
     reason: str = ""
     used: int = 0
+    flow: Flow | None = None
 
     def __post_init__(self) -> None:
         if self.t_ns <= self.before_t_ns:

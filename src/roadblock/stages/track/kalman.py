@@ -14,6 +14,8 @@ from roadblock.values.checks import FloatArray
 SIZE = 5
 SIDE_SHARE = 0.5
 """Expected velocity across, of that along the road, for something just born."""
+CONTRADICTION = 9.2
+"""99 % of a squared distance of two numbers."""
 RISE_M2PS = 0.02
 """Variance a second of the height of what is measured: another part of it shows, the road bends."""
 
@@ -111,3 +113,25 @@ def correct(
     x = x + (K @ innovation[..., None])[..., 0]
     P = P - K @ PH.swapaxes(1, 2)
     return x, (P + P.swapaxes(1, 2)) / 2
+
+
+def correct_velocity(
+    x: FloatArray, P: FloatArray, v_mps: FloatArray, cov_m2ps2: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return states and covariances after their velocities (n, 2) were measured with covariance (n, 2, 2).
+
+    Where a measured velocity contradicts that of the place, the place has wandered along something (the near end of a
+    wall goes with the vehicle that looks at it): the measured one is taken for both.
+    """
+    off = v_mps - x[:, 3:]
+    S = P[:, 3:, 3:] + cov_m2ps2
+    squared = np.einsum("ni,ni->n", off, np.linalg.solve(S, off[..., None])[..., 0])
+    K = np.linalg.solve(S, P[:, 3:, :]).swapaxes(1, 2)
+    better, less = x + (K @ off[..., None])[..., 0], P - K @ P[:, 3:, :]
+    wrong = squared > CONTRADICTION
+    better[wrong] = x[wrong]
+    better[wrong, 3:] = v_mps[wrong]
+    less[wrong] = P[wrong]
+    less[wrong, :3, 3:] = less[wrong, 3:, :3] = 0.0
+    less[wrong, 3:, 3:] = cov_m2ps2[wrong]
+    return better, (less + less.swapaxes(1, 2)) / 2

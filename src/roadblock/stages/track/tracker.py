@@ -10,11 +10,12 @@ from roadblock.geometry.pose import pose, rotation_from_rotvec, rotvec_from_rota
 from roadblock.stages.track.associate import assign, covered, distances
 from roadblock.stages.track.bank import Bank
 from roadblock.stages.track.describe import describe, moved_obstacle
-from roadblock.stages.track.kalman import Optics, begin, correct, predict
+from roadblock.stages.track.flow import velocities
+from roadblock.stages.track.kalman import Optics, begin, correct, correct_velocity, predict
 from roadblock.stages.track.settings import TrackSettings
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
-from roadblock.values.motion import EgoMotion
+from roadblock.values.motion import EgoMotion, Flow
 from roadblock.values.scene import FreeSpace, Obstacle
 
 Indices = NDArray[np.intp]
@@ -111,6 +112,8 @@ class Tracker:
         rows, columns, noise_px2 = self._matched(obstacles, expected, J, uvd, noise_px2, looks)
         self._learn(rows, uvd[columns] - expected[rows], J, noise_px2[columns])
         self._correct(rows, columns, obstacles, uvd, noise_px2, looks, expected, J)
+        if ego is not None and ego.flow is not None and self._over_ground:
+            self._feel(rows, ego.flow, dt_s)
         merged = self._merged(rows, obstacles, expected)
         self._forget(rows, merged, dt_s, free_space)
         # What is left of the bank keeps its order; the new ones come last.
@@ -266,6 +269,19 @@ class Tracker:
         for row in np.flatnonzero((b.id == 0) & (b.found >= CONFIRMED)):
             self._ids += 1
             b.id[row] = self._ids
+
+    def _feel(self, rows: Indices, flow: Flow, dt_s: float) -> None:
+        """Let tracks measured now know the velocity of the features on them."""
+        if not len(rows) or not len(flow.uvd_px):
+            return
+        b = self._bank
+        boxes = np.array([o.box_px for o in b.last[rows]], float)
+        range_m = np.array([o.range_m for o in b.last[rows]])
+        v_mps, cov, known = velocities(flow, dt_s, boxes, range_m, self.optics)
+        rows = rows[known]
+        b.x[rows], b.P[rows] = correct_velocity(
+            b.x[rows], b.P[rows], v_mps[known], cov[known] + self._twist_cov[3:5, 3:5]
+        )
 
     def _merged(self, rows: Indices, obstacles: Sequence[Obstacle], expected: FloatArray) -> NDArray[np.bool_]:
         """Return (n,) which tracks are not measured because they are part of something that is, at their distance."""
