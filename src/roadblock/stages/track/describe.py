@@ -85,13 +85,17 @@ def describe(
 
 def motion_states(v: FloatArray, cov: FloatArray) -> NDArray[np.str_]:
     """Return for each velocity (n, 2) over ground with covariance (n, 2, 2) whether it moves."""
+    speed = np.hypot(*v.T)
+    moves = (deviation(v, cov) > SURE) & (speed > SLOW_MPS)
+    stands = (speed <= SLOW_MPS) & (np.maximum(cov[:, 0, 0], cov[:, 1, 1]) <= STANDING_SIGMA_MPS**2)
+    return np.where(moves, "moving", np.where(stands, "standing", "unknown"))
+
+
+def deviation(v: FloatArray, cov: FloatArray) -> FloatArray:
+    """Return (n,) squared Mahalanobis distances of (n, 2) from 0 by covariances (n, 2, 2)."""
     a, b, c = cov[:, 0, 0], cov[:, 0, 1], cov[:, 1, 1]
     x, y = v.T
-    squared = (c * x * x - 2 * b * x * y + a * y * y) / np.maximum(a * c - b * b, 1e-12)
-    speed = np.hypot(x, y)
-    moves = (squared > SURE) & (speed > SLOW_MPS)
-    stands = (speed <= SLOW_MPS) & (np.maximum(a, c) <= STANDING_SIGMA_MPS**2)
-    return np.where(moves, "moving", np.where(stands, "standing", "unknown"))
+    return np.asarray((c * x * x - 2 * b * x * y + a * y * y) / np.maximum(a * c - b * b, 1e-12))
 
 
 def moved_obstacle(bank: Bank, row: int, optics: Optics) -> Obstacle:

@@ -58,7 +58,7 @@ def begin(place: FloatArray, cov_m2: FloatArray, speed_mps: float) -> tuple[Floa
 
 
 def predict(
-    x: FloatArray, P: FloatArray, dt_s: float, T_now_before: FloatArray, ego_cov: FloatArray, noise_m2ps3: float
+    x: FloatArray, P: FloatArray, dt_s: float, T_now_before: FloatArray, ego_cov: FloatArray, noise_m2ps3: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return states and covariances after `dt_s`, seen from where the vehicle is then.
 
@@ -73,16 +73,18 @@ def predict(
     ego_cov
         (6, 6) its covariance, as in `EgoMotion`.
     noise_m2ps3
-        Density of the white noise that is the acceleration.
+        (n,) density of the white noise that is the acceleration.
     """
     R = T_now_before[:3, :3]
     F = np.zeros((SIZE, SIZE))
     F[:3, :3], F[:3, 3:], F[3:, 3:] = R, R[:, :2] * dt_s, R[:2, :2]
     x = x @ F.T
     x[:, :3] += T_now_before[:3, 3]
-    q, t = noise_m2ps3, abs(dt_s)
-    Q = np.diag([q * t**3 / 3, q * t**3 / 3, RISE_M2PS * t, q * t, q * t])
-    Q[[0, 1, 3, 4], [3, 4, 0, 1]] = q * t**2 / 2 * np.sign(dt_s)
+    t = abs(dt_s)
+    unit = np.diag([t**3 / 3, t**3 / 3, 0.0, t, t])
+    unit[[0, 1, 3, 4], [3, 4, 0, 1]] = t**2 / 2 * np.sign(dt_s)
+    Q = noise_m2ps3[:, None, None] * unit
+    Q[:, 2, 2] = RISE_M2PS * t
     G = np.zeros((len(x), SIZE, 6))
     G[:, :3, 3:] = np.eye(3)
     px, py, pz, vx, vy = x.T

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from roadblock.geometry.pose import pose, rotation_from_rotvec, rotvec_from_rotation, vehicle_from_car
 from roadblock.stages.track.associate import assign, covered, distances
 from roadblock.stages.track.bank import Bank
-from roadblock.stages.track.describe import describe, moved_obstacle
+from roadblock.stages.track.describe import describe, deviation, moved_obstacle
 from roadblock.stages.track.flow import velocities
 from roadblock.stages.track.kalman import Optics, begin, correct, correct_velocity, predict
 from roadblock.stages.track.settings import TrackSettings
@@ -42,8 +42,10 @@ EGO_KNOWN_S = 1.0
 """So long the vehicle's motion is taken to go on."""
 EGO_MPS2, EGO_RADPS2 = 3.0, 0.3
 """By about how much it changes meanwhile."""
-RELATIVE_NOISE = 4.0
-"""Velocities relative to the vehicle change so much faster."""
+RELATIVE_NOISE, STILL_NOISE = 4.0, 0.2
+"""Velocities relative to the vehicle change so much faster, and those of what does not move for sure so much slower."""
+MOVING = 9.2
+"""99 % of a squared distance from standing still."""
 
 
 class Tracker:
@@ -147,9 +149,16 @@ class Tracker:
             if self._over_ground and unknown_s > EGO_KNOWN_S:
                 self._ground(False)
             T, cov = self._going_on(dt_s, unknown_s)
-        noise = self.settings.noise_m2ps3 * (1.0 if self._over_ground else RELATIVE_NOISE)
-        x, P = predict(self._bank.x, self._bank.P, dt_s, T, cov, noise)
+        x, P = predict(self._bank.x, self._bank.P, dt_s, T, cov, self._noise())
         self._bank = replace(self._bank, x=x, P=P)
+
+    def _noise(self) -> FloatArray:
+        """Return (n,) how fast velocities change: what does not move for sure mostly stands."""
+        b, noise_m2ps3 = self._bank, self.settings.noise_m2ps3
+        if not self._over_ground:
+            return np.full(len(b), RELATIVE_NOISE * noise_m2ps3)
+        moves = deviation(b.x[:, 3:], b.P[:, 3:, 3:]) > MOVING
+        return np.where(moves, noise_m2ps3, STILL_NOISE * noise_m2ps3)
 
     def _ground(self, over_ground: bool) -> None:
         """Let velocities be over ground, or relative to the vehicle."""
@@ -390,7 +399,7 @@ class Tracker:
         b = self._bank
         assert self._t_ns is not None  # noqa: S101
         T, cov = self._going_on(dt_s, abs(dt_s))
-        x, P = predict(b.x, b.P, dt_s, T, cov, self.settings.noise_m2ps3)
+        x, P = predict(b.x, b.P, dt_s, T, cov, self._noise())
         expected, J = self.optics.see(x[:, :3])
         rows, columns = self._near(expected, J, P, uvd, noise_px2, looks)
         known = b.id[rows] > 0
