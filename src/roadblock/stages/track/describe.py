@@ -17,8 +17,9 @@ SLOW_MPS = 0.7
 """What is slower stands, if that is known well."""
 STANDING_SIGMA_MPS = 0.6
 """Largest standard deviation of a velocity that is known well."""
-EARLY_S = 0.3
-"""What is known for a shorter time, neither moves nor stands: two pieces of one thing may look like a fast one."""
+WELL_KNOWN = 4
+"""What was measured less often, neither moves nor stands, nor coasts: two pieces of one thing may look like a fast one.
+"""
 CLOSING_MPS = 0.3
 CLOSING_SIGMAS = 2.0
 """What comes closer no faster than this has no time to collision."""
@@ -66,7 +67,7 @@ def describe(
     ttc_s = z_m / v
     ttc_sigma_s = np.sqrt(np.maximum(z_var + ttc_s**2 * closing_var + 2 * ttc_s * both, 0)) / v
     ages_s, unseen_s = (t_ns - bank.born_ns[rows]) / 1e9, (t_ns - bank.seen_ns[rows]) / 1e9
-    motions = np.where(over_ground & (ages_s >= EARLY_S), motion_states(x[:, 3:], P[:, 3:, 3:]), "unknown").tolist()
+    motions = np.where(over_ground & (bank.found[rows] >= WELL_KNOWN), motion_states(x[:, 3:], P[:, 3:, 3:]), "unknown").tolist()
     return [
         Track(number, age_s, coasted_s, x[i, :3], P[i, :3, :3], x[i, 3:], P[i, 3:, 3:], over_ground, *rest)
         for i, (number, age_s, coasted_s, *rest) in enumerate(

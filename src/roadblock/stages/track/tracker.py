@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from roadblock.geometry.pose import pose, rotation_from_rotvec, rotvec_from_rotation, vehicle_from_car
 from roadblock.stages.track.associate import assign, covered, distances
 from roadblock.stages.track.bank import Bank
-from roadblock.stages.track.describe import describe, deviation, moved_obstacle
+from roadblock.stages.track.describe import WELL_KNOWN, describe, deviation, moved_obstacle
 from roadblock.stages.track.flow import velocities
 from roadblock.stages.track.kalman import Optics, begin, correct, correct_velocity, predict
 from roadblock.stages.track.settings import TrackSettings
@@ -20,7 +20,7 @@ from roadblock.values.scene import FreeSpace, Obstacle
 
 Indices = NDArray[np.intp]
 
-SPEED_MPS = 12.0
+SPEED_MPS = 8.0
 """Standard deviation of the velocity of something just born."""
 CONFIRMED, GIVEN_UP = 2, 2
 """Measured so often, an obstacle has a track; missed so often before, it never was there: two of three."""
@@ -373,8 +373,8 @@ class Tracker:
         b = self._bank
         assert self._t_ns is not None  # noqa: S101
         coasted_s = (self._t_ns - b.seen_ns) / 1e9
-        shown = (b.id > 0) & ((coasted_s == 0) | (self._shown & (coasted_s <= self.settings.coast_s)))
-        shown &= (coasted_s == 0) | (b.doubt_s == 0)
+        coasts = self._shown & (coasted_s <= self.settings.coast_s) & (b.doubt_s == 0) & (b.found >= WELL_KNOWN)
+        shown = (b.id > 0) & ((coasted_s == 0) | coasts)
         rows = np.flatnonzero(shown)
         tracks = describe(b, rows, self._t_ns, self.optics, self._standing_mps(b.x[rows, :3]), self._over_ground,
                           self._twist_cov)
