@@ -28,7 +28,7 @@ SIDE_SHARE, ROW_SHARE = 0.05, 0.15
 """Share of a box's width, and of its height, by which its measured point wanders as its outline changes."""
 DEPTH_M = 0.1
 """By which the nearest face wanders."""
-TIMIDITY, MEDIAN_OF_1 = 0.2, 0.455
+TIMIDITY, MEDIAN_OF_1 = 0.5, 0.455
 """How fast the noise is learnt, and the median of a squared normal number."""
 NOISE_LIMITS = (-1.4, 2.2)
 """Log of the factors (0.25 to 9) within which the variance of the noise is learnt."""
@@ -36,6 +36,8 @@ TRUSTED_S = 0.4
 """Tracks of this age tell how noisy measurements are."""
 SAME_SHARE = 0.5
 """Boxes of which so much is shared are pieces of each other."""
+SLIP_M = 1.5
+"""They may be so far apart: the near end of a wall goes with the vehicle that looks at it."""
 CLEAR_M = 1.0
 """Free road must be seen this far behind an obstacle to contradict it."""
 EGO_KNOWN_S = 1.0
@@ -194,41 +196,77 @@ class Tracker:
     ) -> tuple[Indices, Indices, FloatArray]:
         """Return which track (rows) is which obstacle (columns), and the noise of these measurements.
 
-        First by distance; then what is left by shared pixels, for things that were torn apart or grew together: their
-        distance says much about them, but where in the picture their middle is says little.
+        Tracks choose first, by distance; then, by shared pixels, those that were torn apart, grew together or slipped;
+        what is left is for those seen but once.
         """
-        rows, columns = self._near(expected, J, self._bank.P, uvd, noise_px2, looks)
-        free_rows = np.setdiff1d(np.flatnonzero(self._bank.id), rows)
-        free_columns = np.setdiff1d(np.arange(len(obstacles)), columns)
-        if not len(free_rows) or not len(free_columns):
-            return rows, columns, noise_px2
-        boxes = self._boxes(free_rows, expected)
-        others = np.array([obstacles[j].box_px for j in free_columns], float)
-        shared = np.maximum(covered(boxes, others), covered(others, boxes).T)
-        S = _projected(J[free_rows], self._bank.P[free_rows])
-        off = (uvd[free_columns, 2] - expected[free_rows, None, 2]) ** 2
-        close = off <= self.settings.gate * (S[:, None, 2, 2] + noise_px2[free_columns, 2, 2])
-        squared = np.where((shared >= SAME_SHARE) & close, 1 - shared, np.inf)
-        more_rows, more_columns = assign(squared, np.zeros_like(squared), np.zeros_like(squared))
         noise_px2 = noise_px2.copy()
-        size = others[more_columns, 2:] - others[more_columns, :2]
-        rough = free_columns[more_columns]
-        noise_px2[rough, 0, 0] += (size[:, 0] / 2) ** 2
-        noise_px2[rough, 1, 1] += (size[:, 1] / 2) ** 2
-        return np.concatenate([rows, free_rows[more_rows]]), np.concatenate([columns, rough]), noise_px2
+        S = _projected(J, self._bank.P)
+        known, left = np.flatnonzero(self._bank.id), np.ones(len(obstacles), bool)
+        rows, columns = self._near(known, np.flatnonzero(left), expected, S, uvd, noise_px2, looks)
+        left[columns] = False
+        pieces = self._pieces(np.setdiff1d(known, rows), np.flatnonzero(left), obstacles, expected, S, uvd, noise_px2)
+        left[pieces[1]] = False
+        new = self._near(
+            np.flatnonzero(self._bank.id == 0), np.flatnonzero(left), expected, S, uvd, noise_px2, looks
+        )
+        rows, columns = (np.concatenate(part) for part in zip((rows, columns), pieces, new, strict=True))
+        return rows, columns, noise_px2
 
     def _near(
         self,
+        rows: Indices,
+        columns: Indices,
         expected: FloatArray,
-        J: FloatArray,
-        P: FloatArray,
+        S: FloatArray,
         uvd: FloatArray,
         noise_px2: FloatArray,
         looks: FloatArray,
     ) -> tuple[Indices, Indices]:
-        squared, volume = distances(expected, _projected(J, P), uvd, noise_px2, self.settings.gate)
-        unlike = ((self._bank.looks[:, None] - looks[None]) ** 2).sum(2)
-        return assign(squared, volume, unlike)
+        """Return which of some tracks is which of some obstacles, by distance."""
+        if not len(rows) or not len(columns):
+            return rows[:0], columns[:0]
+        squared, volume = distances(expected[rows], S[rows], uvd[columns], noise_px2[columns], self.settings.gate)
+        unlike = ((self._bank.looks[rows, None] - looks[columns]) ** 2).sum(2)
+        i, j = assign(squared, volume, unlike)
+        return rows[i], columns[j]
+
+    def _pieces(
+        self,
+        rows: Indices,
+        columns: Indices,
+        obstacles: Sequence[Obstacle],
+        expected: FloatArray,
+        S: FloatArray,
+        uvd: FloatArray,
+        noise_px2: FloatArray,
+    ) -> tuple[Indices, Indices]:
+        """Return which of some tracks is part of which of some obstacles, or the other way round.
+
+        Their distance says much about them, but where in the picture their middle is says little: `noise_px2` grows.
+        """
+        if not len(rows) or not len(columns):
+            return rows[:0], columns[:0]
+        boxes, others = self._boxes(rows, expected), np.array([obstacles[j].box_px for j in columns], float)
+        shared = np.maximum(covered(boxes, others), covered(others, boxes).T)
+        off_px = uvd[columns, 2] - expected[rows, None, 2]
+        fb = self.optics.rectification.f_px * self.optics.rectification.baseline_m
+        off_m = fb / uvd[columns, 2] - fb / expected[rows, None, 2]
+        close = off_px**2 <= self.settings.gate * (S[rows, None, 2, 2] + noise_px2[columns, 2, 2])
+        close |= np.abs(off_m) <= SLIP_M
+        squared = np.where((shared >= SAME_SHARE) & close, 1 - shared, np.inf)
+        i, j = assign(squared, np.zeros_like(squared), np.zeros_like(squared))
+        half_px = (others[j, 2:] - others[j, :2]) / 2
+        noise_px2[columns[j], 0, 0] += half_px[:, 0] ** 2
+        noise_px2[columns[j], 1, 1] += half_px[:, 1] ** 2
+        self._slip(rows[i], off_m[i, j])
+        return rows[i], columns[j]
+
+    def _slip(self, rows: Indices, off_m: FloatArray) -> None:
+        """Let the places of tracks be off by so much, which says nothing about their velocities."""
+        b = self._bank
+        b.P[rows, :3, 3:] = 0.0
+        b.P[rows, 3:, :3] = 0.0
+        b.P[rows, :3, :3] += np.eye(3) * (off_m**2)[:, None, None]
 
     def _boxes(self, rows: Indices, expected: FloatArray) -> FloatArray:
         """Return (k, 4) where the boxes of some tracks should be now; NaN behind the cameras."""
@@ -401,9 +439,8 @@ class Tracker:
         T, cov = self._going_on(dt_s, abs(dt_s))
         x, P = predict(b.x, b.P, dt_s, T, cov, self._noise())
         expected, J = self.optics.see(x[:, :3])
-        rows, columns = self._near(expected, J, P, uvd, noise_px2, looks)
-        known = b.id[rows] > 0
-        rows, columns = rows[known], columns[known]
+        known, every = np.flatnonzero(b.id), np.arange(len(obstacles))
+        rows, columns = self._near(known, every, expected, _projected(J, P), uvd, noise_px2, looks)
         then = replace(b, x=x, P=P)
         tracks = describe(then, rows, self._t_ns, self.optics, self._standing_mps(x[rows, :3]), self._over_ground,
                           self._twist_cov)
