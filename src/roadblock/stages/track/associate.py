@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 
 from roadblock.values.checks import FloatArray
 
-LOOKS = 4.0
-"""What a box of e times the width, or of e times the height, costs: as two sigmas."""
+LOOKS = 10.0
+"""What a box of e times the width, or of e times the height, costs: as three sigmas."""
 FAR = 1e6
 """Cost of what cannot be."""
 
@@ -39,7 +39,7 @@ def distances(
     return squared, volume
 
 
-def assign(squared: FloatArray, volume: FloatArray, looks: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def assign(squared: FloatArray, volume: FloatArray, gate: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return which track (rows) gets which measurement (columns).
 
     A track that knows little would take everything near: the volume it may be in counts as well, which makes the costs
@@ -48,15 +48,14 @@ def assign(squared: FloatArray, volume: FloatArray, looks: FloatArray) -> tuple[
     Parameters
     ----------
     squared, volume
-        (n, m) as `distances` gives them.
-    looks
-        (n, m) squared difference of how both look, in log of width and height.
+        (n, m) squared distances, and the log of the volumes.
+    gate
+        What is further does not fit.
     """
-    known = np.isfinite(squared)
-    cost = np.where(known, squared + volume + LOOKS * looks, FAR)
-    rows, columns = scipy.optimize.linear_sum_assignment(cost)
-    fits = known[rows, columns]
-    return rows[fits], columns[fits]
+    fits = squared <= gate
+    rows, columns = scipy.optimize.linear_sum_assignment(np.where(fits, squared + volume, FAR))
+    fit = fits[rows, columns]
+    return rows[fit], columns[fit]
 
 
 def covered(boxes: FloatArray, others: FloatArray) -> FloatArray:

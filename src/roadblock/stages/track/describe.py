@@ -67,7 +67,9 @@ def describe(
     ttc_s = z_m / v
     ttc_sigma_s = np.sqrt(np.maximum(z_var + ttc_s**2 * closing_var + 2 * ttc_s * both, 0)) / v
     ages_s, unseen_s = (t_ns - bank.born_ns[rows]) / 1e9, (t_ns - bank.seen_ns[rows]) / 1e9
-    motions = np.where(over_ground & (bank.found[rows] >= WELL_KNOWN), motion_states(x[:, 3:], P[:, 3:, 3:]), "unknown").tolist()
+    motions = np.where(
+        over_ground & (bank.found[rows] >= WELL_KNOWN), motion_states(x[:, 3:], P[:, 3:, 3:]), "unknown"
+    ).tolist()
     return [
         Track(number, age_s, coasted_s, x[i, :3], P[i, :3, :3], x[i, 3:], P[i, 3:, 3:], over_ground, *rest)
         for i, (number, age_s, coasted_s, *rest) in enumerate(

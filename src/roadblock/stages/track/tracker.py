@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.geometry.pose import pose, rotation_from_rotvec, rotvec_from_rotation, vehicle_from_car
-from roadblock.stages.track.associate import assign, covered, distances
+from roadblock.stages.track.associate import LOOKS, assign, covered, distances
 from roadblock.stages.track.bank import Bank
 from roadblock.stages.track.describe import WELL_KNOWN, describe, deviation, moved_obstacle
 from roadblock.stages.track.flow import velocities
@@ -36,6 +36,8 @@ TRUSTED_S = 0.4
 """Tracks of this age tell how noisy measurements are."""
 SAME_SHARE = 0.5
 """Boxes of which so much is shared are pieces of each other."""
+LOOKS_SHARE, PIECE_SHARE = 0.3, 0.05
+"""How fast a track learns what it looks like, from all of it and from pieces."""
 SLIP_M = 1.5
 """They may be so far apart: the near end of a wall goes with the vehicle that looks at it."""
 CLEAR_M = 1.0
@@ -115,7 +117,7 @@ class Tracker:
         expected, J = self.optics.see(self._bank.x[:, :3])
         rows, columns, noise_px2 = self._matched(obstacles, expected, J, uvd, noise_px2, looks)
         self._learn(rows, uvd[columns] - expected[rows], J, noise_px2[columns])
-        self._correct(rows, columns, obstacles, uvd, noise_px2, looks, expected, J)
+        self._correct(rows, columns, obstacles, uvd, noise_px2, expected, J)
         if ego is not None and ego.flow is not None and self._over_ground:
             self._feel(rows, ego.flow, dt_s)
         merged = self._merged(rows, obstacles, expected)
@@ -202,14 +204,16 @@ class Tracker:
         noise_px2 = noise_px2.copy()
         S = _projected(J, self._bank.P)
         known, left = np.flatnonzero(self._bank.id), np.ones(len(obstacles), bool)
-        rows, columns = self._near(known, np.flatnonzero(left), expected, S, uvd, noise_px2, looks)
-        left[columns] = False
-        pieces = self._pieces(np.setdiff1d(known, rows), np.flatnonzero(left), obstacles, expected, S, uvd, noise_px2)
-        left[pieces[1]] = False
-        new = self._near(
-            np.flatnonzero(self._bank.id == 0), np.flatnonzero(left), expected, S, uvd, noise_px2, looks
+        near = self._near(known, np.flatnonzero(left), expected, S, uvd, noise_px2, looks)
+        left[near[1]] = False
+        pieces = self._pieces(
+            np.setdiff1d(known, near[0]), np.flatnonzero(left), obstacles, expected, S, uvd, noise_px2
         )
-        rows, columns = (np.concatenate(part) for part in zip((rows, columns), pieces, new, strict=True))
+        left[pieces[1]] = False
+        new = self._near(np.flatnonzero(self._bank.id == 0), np.flatnonzero(left), expected, S, uvd, noise_px2, looks)
+        for share, (i, j) in ((LOOKS_SHARE, near), (PIECE_SHARE, pieces)):
+            self._bank.looks[i] += share * (looks[j] - self._bank.looks[i])
+        rows, columns = (np.concatenate(part) for part in zip(near, pieces, new, strict=True))
         return rows, columns, noise_px2
 
     def _near(
@@ -227,7 +231,7 @@ class Tracker:
             return rows[:0], columns[:0]
         squared, volume = distances(expected[rows], S[rows], uvd[columns], noise_px2[columns], self.settings.gate)
         unlike = ((self._bank.looks[rows, None] - looks[columns]) ** 2).sum(2)
-        i, j = assign(squared, volume, unlike)
+        i, j = assign(squared + LOOKS * unlike, volume, self.settings.gate)
         return rows[i], columns[j]
 
     def _pieces(
@@ -253,8 +257,7 @@ class Tracker:
         off_m = fb / uvd[columns, 2] - fb / expected[rows, None, 2]
         close = off_px**2 <= self.settings.gate * (S[rows, None, 2, 2] + noise_px2[columns, 2, 2])
         close |= np.abs(off_m) <= SLIP_M
-        squared = np.where((shared >= SAME_SHARE) & close, 1 - shared, np.inf)
-        i, j = assign(squared, np.zeros_like(squared), np.zeros_like(squared))
+        i, j = assign(np.where(close, 1 - shared, np.inf), np.zeros_like(shared), 1 - SAME_SHARE)
         half_px = (others[j, 2:] - others[j, :2]) / 2
         noise_px2[columns[j], 0, 0] += half_px[:, 0] ** 2
         noise_px2[columns[j], 1, 1] += half_px[:, 1] ** 2
@@ -296,7 +299,6 @@ class Tracker:
         obstacles: Sequence[Obstacle],
         uvd: FloatArray,
         noise_px2: FloatArray,
-        looks: FloatArray,
         expected: FloatArray,
         J: FloatArray,
     ) -> None:
@@ -304,12 +306,9 @@ class Tracker:
         if not len(rows):
             return
         b, t_ns = self._bank, self._t_ns
-        b.x[rows], b.P[rows] = correct(
-            b.x[rows], b.P[rows], uvd[columns] - expected[rows], J[rows], noise_px2[columns]
-        )
+        b.x[rows], b.P[rows] = correct(b.x[rows], b.P[rows], uvd[columns] - expected[rows], J[rows], noise_px2[columns])
         b.found[rows] += 1
         b.missed[rows], b.doubt_s[rows], b.seen_ns[rows] = 0, 0.0, t_ns
-        b.looks[rows] += 0.3 * (looks[columns] - b.looks[rows])
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
             b.last[row] = obstacles[column]
         b.foot_m[rows] = np.array([o.position_m for o in b.last[rows]]) - b.x[rows, :3]
@@ -414,8 +413,9 @@ class Tracker:
         coasts = self._shown & (coasted_s <= self.settings.coast_s) & (b.doubt_s == 0) & (b.found >= WELL_KNOWN)
         shown = (b.id > 0) & ((coasted_s == 0) | coasts)
         rows = np.flatnonzero(shown)
-        tracks = describe(b, rows, self._t_ns, self.optics, self._standing_mps(b.x[rows, :3]), self._over_ground,
-                          self._twist_cov)
+        tracks = describe(
+            b, rows, self._t_ns, self.optics, self._standing_mps(b.x[rows, :3]), self._over_ground, self._twist_cov
+        )
         own = {id(b.last[row]): track for row, track in zip(rows.tolist(), tracks, strict=True)}
         measured = [o.with_track(own[id(o)]) if id(o) in own else o for o in obstacles]
         coasting = [
@@ -442,8 +442,9 @@ class Tracker:
         known, every = np.flatnonzero(b.id), np.arange(len(obstacles))
         rows, columns = self._near(known, every, expected, _projected(J, P), uvd, noise_px2, looks)
         then = replace(b, x=x, P=P)
-        tracks = describe(then, rows, self._t_ns, self.optics, self._standing_mps(x[rows, :3]), self._over_ground,
-                          self._twist_cov)
+        tracks = describe(
+            then, rows, self._t_ns, self.optics, self._standing_mps(x[rows, :3]), self._over_ground, self._twist_cov
+        )
         own = dict(zip(columns.tolist(), tracks, strict=True))
         return tuple(o.with_track(own[j]) if j in own else o for j, o in enumerate(obstacles))
 
