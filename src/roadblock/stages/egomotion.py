@@ -5,6 +5,7 @@ one and in the later right one, all at half resolution. What most of them agree 
 Gauss-Newton over (u, v, d), in which the noise of both measurements of a feature counts.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import cv2
@@ -211,11 +212,16 @@ def _follow(here: Gray, there: Gray, points: Points, guess: Points, levels: int)
     """
     if not len(points):
         return points, np.zeros(0, bool)
-    options = {"winSize": (WINDOW_PX, WINDOW_PX), "criteria": STOP, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
-    found, seen, _ = cv2.calcOpticalFlowPyrLK(here, there, points, guess, maxLevel=levels, **options)
-    back, returned, _ = cv2.calcOpticalFlowPyrLK(there, here, found, points.copy(), maxLevel=0, **options)
+    search = partial(
+        cv2.calcOpticalFlowPyrLK,
+        winSize=(WINDOW_PX, WINDOW_PX),
+        criteria=STOP,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
+    found, seen, _ = search(here, there, points, guess, maxLevel=levels)
+    back, returned, _ = search(there, here, found, points.copy(), maxLevel=0)
     good = (seen[:, 0] > 0) & (returned[:, 0] > 0)
-    return found, good & (np.hypot(*(back - points).T) < RETURNED_PX)
+    return np.asarray(found, np.float32), good & (np.hypot(*(back - points).T) < RETURNED_PX)
 
 
 def _agreed(rectification: Rectification, then: FloatArray, now: FloatArray) -> FloatArray | None:
@@ -285,7 +291,7 @@ def _refined(
     used = ahead & (squared < OUTLIER)
     # What the features scatter more than they should, the motion is less sure.
     excess = max(1.0, float(np.median(squared[used])) / MEDIAN_OF_3) if used.any() else 1.0
-    flow = Flow((now + offset_px * shape_now)[ahead], residual[ahead], weight[ahead])
+    flow = Flow((now + offset_px * shape_now)[ahead], residual[ahead], np.asarray(weight[ahead], float))
     return _Motion(T, offset_px, np.linalg.pinv(normal) * excess), used, flow
 
 
@@ -296,7 +302,7 @@ def _lens_error(T: FloatArray) -> FloatArray:
 
 
 def _yaw_shape(rectification: Rectification, uvd: FloatArray) -> FloatArray:
-    """Return (n, 3) d(u, v, d) by the disparity's offset in the middle: what turns the right camera about its y axis."""
+    """Return (n, 3) d(u, v, d) by the disparity's offset in the middle, if the right camera is turned about its y."""
     shape = np.zeros_like(uvd)
     shape[:, 2] = 1 + ((uvd[:, 0] - rectification.cx_px) / rectification.f_px) ** 2
     return shape

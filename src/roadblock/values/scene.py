@@ -1,6 +1,5 @@
 """What a step finds: the ground, the free space, the obstacles, and the result of the frame."""
 
-from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -262,8 +261,8 @@ class Obstacle:
 
     def with_track(self, track: Track) -> "Obstacle":
         """Return the same obstacle with its track; `dataclasses.replace` would check all numbers once more."""
-        other = copy(self)
-        object.__setattr__(other, "track", track)
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__, track=track)
         return other
 
 

@@ -111,7 +111,7 @@ def moved_obstacle(bank: Bank, row: int, optics: Optics) -> Obstacle:
     scale = uvd[2] / last.uvd_px[2]
 
     def shifted(points: FloatArray) -> FloatArray:
-        return np.rint((points - last.uvd_px[:2]) * scale + uvd[:2])
+        return np.asarray(np.rint((points - last.uvd_px[:2]) * scale + uvd[:2]))
 
     u0, v0, u1, v1 = shifted(np.array(last.box_px, float).reshape(2, 2)).ravel().astype(int).tolist()
     return replace(
