@@ -23,7 +23,7 @@ from roadblock.values.motion import EgoMotion, Flow
 
 Points = NDArray[np.float32]
 
-WINDOW_PX = 11
+WINDOW_PX = 9
 """Of the Lucas-Kanade method, at half resolution."""
 LEVELS, MORE_LEVELS, FEW_LEVELS = 4, 2, 1
 """Of the image pyramid: without a guess, with that of the motion before, and with that of the disparity before."""
@@ -63,7 +63,7 @@ class EgomotionSettings(BaseModel):
     least_features: int = Field(20, ge=6, description="Fewer that agree say nothing.")
     least_share: float = Field(0.4, gt=0, le=1, description="Smallest share of the features that must agree.")
     sigma_px: float = Field(0.2, gt=0, description="Noise of a feature's u, v and d at full resolution.")
-    offset_px: float = Field(0.5, gt=0, description="How far off all disparities may be (a turned camera).")
+    offset_px: float = Field(0.2, gt=0, description="How far off all disparities may be (a turned camera).")
     longest_s: float = Field(1.0, gt=0, description="Over longer gaps nothing is measured.")
 
 
