@@ -74,7 +74,7 @@ def show_nearest(title: str, found: Iterable[tuple[str, Obstacle]]) -> None:
         for row, (_, obstacle) in zip(rows, nearest, strict=True):
             row.insert(3, f"± {obstacle.range_sigma_calib_m:.2f}")
     if any(obstacle.track is not None for _, obstacle in nearest):
-        columns += [">track", ">velocity (m/s)", ">contact in (s)"]
+        columns += [">track", ">speed (m/s)", ">contact (s)"]
         for row, (_, obstacle) in zip(rows, nearest, strict=True):
             row += _moves(obstacle.track)
     show_table(title, columns, rows)
@@ -92,14 +92,14 @@ def _describe(o: Obstacle) -> list[str]:
 
 
 def _moves(track: Track | None) -> list[str]:
-    """Return number, velocity and time to collision of a track."""
+    """Return number, speed and time to contact of a track."""
     if track is None:
         return ["", "", ""]
     speed, sigma = np.hypot(*track.velocity_mps), np.max(track.velocity_sigma_mps)
-    velocity = "standing" if track.motion == "standing" else f"{speed:.1f} ± {sigma:.1f}"
-    velocity += "" if track.is_over_ground else " (relative)"
+    text = "standing" if track.motion == "standing" else f"{speed:.1f} ± {sigma:.1f}"
+    text += "" if track.is_over_ground else " (relative)"
     contact = f"{track.ttc_s:.1f} ± {track.ttc_sigma_s:.1f}" if math.isfinite(track.ttc_s) else ""
-    return [str(track.id), velocity, contact]
+    return [str(track.id), text, contact]
 
 
 def summarize(result: FrameResult) -> str:

@@ -100,6 +100,7 @@ class Tracker:
         self._ids = 0
         self._log_noise = np.zeros(3)
         self._restart(0)
+        assign(np.zeros((1, 1)), np.zeros((1, 1)), 0.0)  # so that no frame waits for a library
 
     def _restart(self, t_ns: int) -> None:
         self._begun, self._t_ns = False, t_ns
