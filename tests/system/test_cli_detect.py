@@ -106,7 +106,8 @@ def test_a_sequence_becomes_a_video_of_its_own_times(roadblock, sequence: Path) 
 def test_a_sequence_is_tracked(roadblock, sequence: Path) -> None:
     ran = roadblock("detect", sequence, "--out", "results")
     assert ran.code == 0
-    assert "standing" in ran.out
+    assert "track" in ran.out
+    assert "speed" in ran.out
     *_, last = read_results(Path("results/obstacles.jsonl"))
     tracked = [o for o in last["obstacles"] if o["id"] is not None]
     assert tracked

@@ -331,7 +331,9 @@ def test_a_drive_is_tracked(small: Rendered) -> None:
     found = [covering(last.obstacles, true) for true in small.objects]
     tracks = [o.track for o in found if o is not None]
     assert len(tracks) >= 4
-    assert {track.motion for track in tracks if track} == {"standing"}
+    motions = {track.motion for track in tracks if track}
+    assert "standing" in motions
+    assert "moving" not in motions
     before = [o.track.id for o in results[1].obstacles if o.track]
     assert {track.id for track in tracks if track} <= set(before)
 
