@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from roadblock.errors import SettingsError
 from roadblock.stages.bands import BandsSettings
+from roadblock.stages.egomotion import EgomotionSettings
 from roadblock.stages.ground import GroundSettings
 from roadblock.stages.health import HealthSettings
 from roadblock.stages.low import LowSettings
@@ -21,6 +22,7 @@ from roadblock.stages.mono import MonoSettings
 from roadblock.stages.rectify import RectifySettings
 from roadblock.stages.refine import RefineSettings
 from roadblock.stages.segment import SegmentSettings
+from roadblock.stages.track import TrackSettings
 
 
 class Settings(BaseModel):
@@ -39,6 +41,8 @@ class Settings(BaseModel):
     bands: BandsSettings = BandsSettings()
     mono: MonoSettings = MonoSettings()
     health: HealthSettings = HealthSettings()
+    egomotion: EgomotionSettings = EgomotionSettings()
+    track: TrackSettings = TrackSettings()
 
 
 def load_settings(path: Path | None = None, assignments: Iterable[str] = ()) -> Settings:

@@ -8,10 +8,12 @@ from time import perf_counter
 from roadblock.config import Settings
 from roadblock.detectors import make_detector
 from roadblock.errors import SourceError
+from roadblock.stages.egomotion import Odometer
 from roadblock.stages.health import judge, looks_swapped
 from roadblock.stages.recognize import name_colors
 from roadblock.stages.rectify import plan_rectification, rectify
 from roadblock.stages.refine import refine
+from roadblock.stages.track import Tracker
 from roadblock.stages.triangulate import add_calibration_error, locate_all
 from roadblock.values.camera import StereoRig
 from roadblock.values.frame import RectifiedPair, StereoPair
@@ -19,7 +21,7 @@ from roadblock.values.scene import FrameResult
 
 
 class Pipeline:
-    """All stages for one rig.
+    """All stages for one rig. Remembers the drive: frames with time stamps (`StereoPair.t_ns`) are tracked.
 
     Parameters
     ----------
@@ -41,6 +43,8 @@ class Pipeline:
         self.settings = settings or Settings()
         self.rectification = plan_rectification(rig, self.settings.rectify)
         self.detect = make_detector(self.settings)
+        self._measure_ego = Odometer(self.rectification, self.settings.egomotion)
+        self._tracker = Tracker(self.rectification, rig.T_vehicle_car, self.settings.track)
 
     def step(self, pair: StereoPair) -> tuple[FrameResult, RectifiedPair]:
         """Find every obstacle in one pair.
@@ -70,6 +74,12 @@ class Pipeline:
         health = judge(found, self.settings.health)
         if health.state != "ok" and looks_swapped(rectified):
             raise SourceError(f"frame {pair.name}: the left and right images look swapped: exchange them")
+        ego = None
+        if self.settings.track.enabled and pair.t_ns != 0:  # single frames have no moment
+            with _timed(timings_ms, "egomotion"):
+                ego = self._measure_ego(rectified)
+            with _timed(timings_ms, "track"):
+                obstacles = self._tracker.update(obstacles, pair.t_ns, ego, found.free_space)
         timings_ms["total"] = sum(timings_ms.values())
         result = FrameResult(
             pair.index,
@@ -80,6 +90,7 @@ class Pipeline:
             found.ground,
             health,
             timings_ms,
+            ego,
         )
         return result, rectified
 

@@ -103,6 +103,20 @@ def test_a_sequence_becomes_a_video_of_its_own_times(roadblock, sequence: Path) 
         assert frames[0].width > 480
 
 
+def test_a_sequence_is_tracked(roadblock, sequence: Path) -> None:
+    ran = roadblock("detect", sequence, "--out", "results")
+    assert ran.code == 0
+    assert "track" in ran.out
+    assert "speed" in ran.out
+    *_, last = read_results(Path("results/obstacles.jsonl"))
+    tracked = [o for o in last["obstacles"] if o["id"] is not None]
+    assert tracked
+    assert {"motion", "velocity_sigma_mps", "ttc_sigma_s", "age_s"} <= set(tracked[0])
+    roadblock("detect", sequence, "--out", "results", "--set", "track.enabled=false")
+    *_, last = read_results(Path("results/obstacles.jsonl"))
+    assert [o["id"] for o in last["obstacles"]] == [None] * len(last["obstacles"])
+
+
 @pytest.fixture
 def no_video_library(monkeypatch: pytest.MonkeyPatch) -> None:
     real = builtins.__import__

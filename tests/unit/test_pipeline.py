@@ -20,7 +20,7 @@ from roadblock.values.frame import RectifiedPair, StereoPair
 from roadblock.values.scene import FrameResult, Obstacle
 
 HALF = Camera((640, 360), 516.5, 516.5, 325.9, 173.55)
-STAGES = ["rectify", "match", "ground", "segment", "refine", "triangulate", "total"]
+STAGES = ["rectify", "match", "ground", "segment", "refine", "triangulate", "egomotion", "track", "total"]
 
 
 def half_rig(baseline_m: float = 0.205) -> StereoRig:
@@ -311,3 +311,45 @@ def test_settings_reach_their_stages(small: Rendered, matcher: str) -> None:
         small.pair
     )[0]
     assert (few.obstacles, few.ground) == ((), None)
+
+
+# --- over time --------------------------------------------------------------------------------------------------------
+
+
+def again(pair: StereoPair, t_ns: int) -> StereoPair:
+    return StereoPair(pair.left, pair.right, t_ns=t_ns)
+
+
+def test_a_drive_is_tracked(small: Rendered) -> None:
+    pipeline, steps = Pipeline(half_rig()), [10**9 + i * 10**8 for i in range(5)]
+    results = [pipeline.step(again(small.pair, t_ns))[0] for t_ns in steps]
+    assert results[0].ego is None
+    assert all(o.track is None for o in results[0].obstacles)
+    last = results[-1]
+    assert last.ego is not None
+    assert last.ego.T_now_before == pytest.approx(np.eye(4), abs=1e-3)
+    found = [covering(last.obstacles, true) for true in small.objects]
+    tracks = [o.track for o in found if o is not None]
+    assert len(tracks) >= 4
+    motions = {track.motion for track in tracks if track}
+    assert "standing" in motions
+    assert "moving" not in motions
+    before = [o.track.id for o in results[1].obstacles if o.track]
+    assert {track.id for track in tracks if track} <= set(before)
+
+
+def test_tracking_can_be_left_out(small: Rendered) -> None:
+    pipeline = Pipeline(half_rig(), load_settings(assignments=["track.enabled=false"]))
+    for t_ns in (10**9, 2 * 10**9):
+        result, _ = pipeline.step(again(small.pair, t_ns))
+    assert all(o.track is None for o in result.obstacles)
+    assert result.ego is None
+    assert "track" not in result.timings_ms
+
+
+def test_single_frames_are_not_tracked(small: Rendered) -> None:
+    pipeline = Pipeline(half_rig())
+    for _ in range(3):
+        result, _ = pipeline.step(again(small.pair, 0))
+    assert all(o.track is None for o in result.obstacles)
+    assert "track" not in result.timings_ms

@@ -3,12 +3,14 @@
 import math
 from collections.abc import Iterable
 
+import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
+from roadblock.values.motion import Track
 from roadblock.values.scene import FrameResult, Obstacle
 
 out = Console()
@@ -71,6 +73,10 @@ def show_nearest(title: str, found: Iterable[tuple[str, Obstacle]]) -> None:
         columns.insert(3, ">calibration (m)")
         for row, (_, obstacle) in zip(rows, nearest, strict=True):
             row.insert(3, f"± {obstacle.range_sigma_calib_m:.2f}")
+    if any(obstacle.track is not None for _, obstacle in nearest):
+        columns += [">track", ">speed (m/s)", ">contact (s)"]
+        for row, (_, obstacle) in zip(rows, nearest, strict=True):
+            row += _moves(obstacle.track)
     show_table(title, columns, rows)
 
 
@@ -83,6 +89,17 @@ def _describe(o: Obstacle) -> list[str]:
         f"{abs(side):.2f} {'left' if side > 0 else 'right'}",
         f"{width:.1f} x {height:.1f}",
     ]
+
+
+def _moves(track: Track | None) -> list[str]:
+    """Return number, speed and time to contact of a track."""
+    if track is None:
+        return ["", "", ""]
+    speed, sigma = np.hypot(*track.velocity_mps), np.max(track.velocity_sigma_mps)
+    text = "standing" if track.motion == "standing" else f"{speed:.1f} ± {sigma:.1f}"
+    text += "" if track.is_over_ground else " (relative)"
+    contact = f"{track.ttc_s:.1f} ± {track.ttc_sigma_s:.1f}" if math.isfinite(track.ttc_s) else ""
+    return [str(track.id), text, contact]
 
 
 def summarize(result: FrameResult) -> str:

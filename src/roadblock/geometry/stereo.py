@@ -91,3 +91,18 @@ def image_from_car(rectification: Rectification, points: ArrayLike) -> FloatArra
     with np.errstate(all="ignore"):
         scale = r.f_px / np.where(z > 0, z, np.nan)
         return np.stack([(x + r.baseline_m / 2) * scale + r.cx_px, y * scale + r.cy_px, r.baseline_m * scale], -1)
+
+
+def image_jacobian(rectification: Rectification, points: ArrayLike) -> FloatArray:
+    """Return d(u, v, d) / d(x, y, z) of `image_from_car`, (..., 3, 3) in px/m; NaN where z is not positive or NaN."""
+    x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
+    r = rectification
+    with np.errstate(all="ignore"):
+        scale = r.f_px / np.where(z > 0, z, np.nan)
+        J = np.zeros((*scale.shape, 3, 3))
+        J[..., 0, 0] = J[..., 1, 1] = scale
+        J[..., 0, 2] = -(x + r.baseline_m / 2) * scale / z
+        J[..., 1, 2] = -y * scale / z
+        J[..., 2, 2] = -r.baseline_m * scale / z
+        J[np.isnan(scale)] = np.nan
+        return J

@@ -23,6 +23,7 @@ import roadblock
 from roadblock.errors import OutputError, SourceError
 from roadblock.io.machine import machine_record, package_commit
 from roadblock.io.schema import SCHEMA, FrameRecord
+from roadblock.values.motion import Track
 from roadblock.values.scene import FrameResult, FreeSpace, GroundPlane, Obstacle
 
 RESULTS, RUN, OVERLAY, VIDEO = "obstacles.jsonl", "run.json", "overlay", "overlay.mp4"
@@ -75,7 +76,7 @@ def frame_record(result: FrameResult) -> dict[str, Any]:
 
 def _obstacle_record(obstacle: Obstacle) -> dict[str, Any]:
     return {
-        "id": None,
+        "id": None if obstacle.track is None else obstacle.track.id,
         "class": obstacle.label,
         "class_probability": number(obstacle.probability, SHARE_DIGITS),
         "color": obstacle.color,
@@ -87,8 +88,22 @@ def _obstacle_record(obstacle: Obstacle) -> dict[str, Any]:
         "size_m": numbers(obstacle.size_m, METRE_DIGITS),
         "box_px": [int(edge) for edge in obstacle.box_px],
         "contour_px": np.asarray(obstacle.contour_px, int).reshape(-1, 2).tolist(),
-        "velocity_mps": None,
-        "ttc_s": None,
+        **_track_record(obstacle.track),
+    }
+
+
+def _track_record(track: Track | None) -> dict[str, Any]:
+    if track is None:
+        return {"velocity_mps": None, "ttc_s": None}
+    return {
+        "velocity_mps": [*numbers(track.velocity_mps, METRE_DIGITS), 0.0],
+        "velocity_sigma_mps": numbers(track.velocity_sigma_mps, METRE_DIGITS),
+        "velocity_over_ground": track.is_over_ground,
+        "motion": track.motion,
+        "ttc_s": number(track.ttc_s, METRE_DIGITS),
+        "ttc_sigma_s": number(track.ttc_sigma_s, METRE_DIGITS),
+        "age_s": number(track.age_s, METRE_DIGITS),
+        "coasted_s": number(track.coasted_s, METRE_DIGITS),
     }
 
 

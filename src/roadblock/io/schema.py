@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 SCHEMA = 1
 """Version of the records; a reader refuses every other one."""
 
+Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
 Box = Annotated[list[int], Field(min_length=4, max_length=4)]
 Pixel = Annotated[list[int], Field(min_length=2, max_length=2)]
@@ -35,6 +36,12 @@ class ObstacleRecord(Record):
     contour_px: list[Pixel]
     velocity_mps: Triple | None
     ttc_s: float | None
+    age_s: float | None = None
+    coasted_s: float | None = None
+    motion: Literal["moving", "standing", "unknown"] | None = None
+    velocity_sigma_mps: Pair | None = None
+    velocity_over_ground: bool | None = None
+    ttc_sigma_s: float | None = None
 
 
 class FreeSpaceRecord(Record):

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from roadblock.errors import ValueRefusedError
 from roadblock.values.checks import FloatArray, finite, locked, numbers, positive
+from roadblock.values.motion import EgoMotion, Track
 
 NEAREST_FACE_PERCENT = 10
 """What range means everywhere: the nearest visible face is this percentile of the forward distance over the surface."""
@@ -231,6 +232,8 @@ class Obstacle:
         away**, and shared by all obstacles of one rig. NaN where the rig has no covariance.
     range_sigma_calib_m
         Standard deviation of `range_m` from the rig's calibration, metres; likewise a bias, and NaN where unknown.
+    track
+        What is known of it over time; None where nothing is (single frames, things just seen for the first time).
 
     Raises
     ------
@@ -252,12 +255,19 @@ class Obstacle:
     probability: float = float("nan")
     cov_calib_m2: FloatArray = field(default_factory=lambda: UNKNOWN_COV)
     range_sigma_calib_m: float = float("nan")
+    track: Track | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position_m", finite("position_m", self.position_m, (3,)))
         if self.cov_calib_m2 is not UNKNOWN_COV:
             object.__setattr__(self, "cov_calib_m2", numbers("cov_calib_m2", self.cov_calib_m2, (3, 3)))
         object.__setattr__(self, "range_m", positive("range_m", self.range_m))
+
+    def with_track(self, track: Track) -> "Obstacle":
+        """Return the same obstacle with its track; `dataclasses.replace` would check all numbers once more."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__, track=track)
+        return other
 
 
 @dataclass(frozen=True)
@@ -294,6 +304,8 @@ class FrameResult:
         The verdict.
     timings_ms
         Milliseconds per stage, and their `total`.
+    ego
+        How the vehicle moved since the frame before; None for single frames.
     """
 
     index: int
@@ -304,3 +316,4 @@ class FrameResult:
     ground: GroundPlane | None
     health: Health
     timings_ms: dict[str, float]
+    ego: EgoMotion | None = None

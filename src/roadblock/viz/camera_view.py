@@ -8,6 +8,7 @@ from roadblock.errors import ValueRefusedError
 from roadblock.geometry.stereo import image_from_car, triangulate
 from roadblock.values.camera import Rectification
 from roadblock.values.frame import Image
+from roadblock.values.motion import Track
 from roadblock.values.scene import FrameResult, FreeSpace, GroundPlane, Obstacle
 from roadblock.viz.colors import FREE, INK, Color, ink_on, range_color
 from roadblock.viz.text import draw_text, measure_text, text_width
@@ -19,6 +20,8 @@ Rect = tuple[int, int, int, int]
 
 SUBPIXEL_BITS = 4
 ROAD_ALPHA, OBSTACLE_ALPHA = 0.30, 0.30
+SOON_S = 5.0
+"""Times to contact below this are written down."""
 STRETCH_PERCENT = (0.5, 99.5)
 
 
@@ -169,10 +172,18 @@ def view_box(obstacle: Obstacle, scale: float, size_px: tuple[int, int]) -> Rect
 
 
 def label_texts(obstacle: Obstacle) -> tuple[str, str]:
-    """Return the label in full ("red obstacle 12.3 ± 0.2 m") and in short ("12.3 ± 0.2 m")."""
+    """Return the label in full ("red obstacle 12.3 ± 0.2 m") and in short ("12.3 ± 0.2 m"), with number and speed."""
     short = measure_text(obstacle.range_m, obstacle.range_sigma_m)
+    if obstacle.track is not None:
+        short = f"#{obstacle.track.id} {short}{_speed_text(obstacle.track)}"
     kind = obstacle.label if obstacle.label != "unknown" else " ".join(filter(None, (obstacle.color, "obstacle")))
     return f"{kind} {short}", short
+
+
+def _speed_text(track: Track) -> str:
+    """Return the speed of what moves, and the time to contact where it is short."""
+    text = f", {np.hypot(*track.velocity_mps):.1f} m/s" if track.motion == "moving" else ""
+    return text + (f", in {track.ttc_s:.1f} s" if track.ttc_s < SOON_S else "")
 
 
 def place_labels(

@@ -10,6 +10,7 @@ from roadblock.geometry.projection import project
 from roadblock.geometry.stereo import (
     car_from_cameras,
     image_from_car,
+    image_jacobian,
     left_from_right,
     rectifying_rotations,
     right_from_left,
@@ -186,3 +187,16 @@ def test_rotations_stay_right_for_a_baseline_just_off_the_axis() -> None:
         R_left, _ = rectifying_rotations(pose(np.eye(3), [0.2, tiny, -tiny]))
         np.testing.assert_allclose(R_left @ R_left.T, np.eye(3), rtol=0, atol=1e-12)
         np.testing.assert_allclose(R_left, np.eye(3), rtol=0, atol=2e-8)
+
+
+@given(measurements)
+@steady
+def test_the_derivatives_of_both_ways_are_inverse(uvd: np.ndarray) -> None:
+    there, back = triangulate_jacobian(TWIN, uvd), image_jacobian(TWIN, triangulate(TWIN, uvd))
+    np.testing.assert_allclose(back @ there, np.eye(3), atol=1e-6)
+
+
+def test_there_is_no_derivative_behind_the_cameras() -> None:
+    J = image_jacobian(TWIN, [[1.0, 2.0, -3.0], [1.0, 2.0, np.nan], [1.0, 2.0, 3.0]])
+    assert np.isnan(J[:2]).all()
+    assert np.isfinite(J[2]).all()

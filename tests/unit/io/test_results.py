@@ -19,6 +19,7 @@ from roadblock.io.results import (
     write_run,
 )
 from roadblock.io.schema import FrameRecord
+from roadblock.values.motion import Track
 from roadblock.values.scene import FrameResult, FreeSpace, GroundPlane, Health, Obstacle
 
 NAN = math.nan
@@ -376,3 +377,43 @@ def test_run_that_cannot_be_written_is_told_and_leaves_no_litter(tmp_path):
     with pytest.raises(OutputError, match="cannot write"):
         write_run(tmp_path / "run.json", make_run())
     assert [path.name for path in tmp_path.iterdir()] == ["run.json"]
+
+
+def make_track(**changes) -> Track:
+    fields = {
+        "id": 7,
+        "age_s": 1.23456,
+        "coasted_s": 0.1,
+        "position_m": np.array([12.3, -0.5, 0.7]),
+        "position_cov_m2": np.eye(3),
+        "velocity_mps": np.array([-1.23456, 0.5]),
+        "velocity_cov_m2ps2": np.diag([0.04, 0.01]),
+        "is_over_ground": True,
+        "motion": "moving",
+        "ttc_s": 2.5,
+        "ttc_sigma_s": 0.123456,
+    }
+    return Track(**(fields | changes))
+
+
+def test_record_of_a_track():
+    result = make_result(obstacles=(make_obstacle().with_track(make_track()), make_obstacle()))
+    record = frame_record(result)
+    FrameRecord.model_validate(record)
+    tracked, plain = record["obstacles"]
+    added = {key: value for key, value in tracked.items() if plain.get(key) != value}
+    assert added == {
+        "id": 7,
+        "velocity_mps": [-1.2346, 0.5, 0.0],
+        "velocity_sigma_mps": [0.2, 0.1],
+        "velocity_over_ground": True,
+        "motion": "moving",
+        "ttc_s": 2.5,
+        "ttc_sigma_s": 0.1235,
+        "age_s": 1.2346,
+        "coasted_s": 0.1,
+    }
+    away = make_obstacle().with_track(make_track(ttc_s=NAN, ttc_sigma_s=NAN))
+    record = frame_record(make_result(obstacles=(away,)))
+    FrameRecord.model_validate(record)
+    assert record["obstacles"][0]["ttc_s"] is None

@@ -5,7 +5,8 @@ import pytest
 from drawn import obstacle_at, result_of, rig_of
 
 from roadblock.errors import ValueRefusedError
-from roadblock.values.scene import FreeSpace, GroundPlane
+from roadblock.values.motion import Track
+from roadblock.values.scene import FreeSpace, GroundPlane, Obstacle
 from roadblock.viz.camera_view import (
     _overlaps,
     draw_camera_view,
@@ -143,6 +144,19 @@ def test_label_names_the_class_or_else_the_colour(rig):
     assert label_texts(obstacle_at(rig, 0, 10.0)) == ("red obstacle 10.0 ± 0.2 m", "10.0 ± 0.2 m")
     assert label_texts(obstacle_at(rig, 0, 10.0, color=None))[0] == "obstacle 10.0 ± 0.2 m"
     assert label_texts(obstacle_at(rig, 0, 10.0, label="car"))[0] == "car 10.0 ± 0.2 m"
+
+
+def tracked(obstacle: Obstacle, motion: str, ttc_s: float) -> Obstacle:
+    zero, cov = np.zeros(3), np.eye(3)
+    v = np.array([3.0, -4.0])
+    return obstacle.with_track(Track(12, 1.0, 0.0, zero, cov, v, cov[:2, :2], True, motion, ttc_s, 0.1))
+
+
+def test_label_of_a_track_has_its_number_and_what_is_urgent(rig):
+    obstacle = obstacle_at(rig, 0, 10.0)
+    assert label_texts(tracked(obstacle, "standing", np.nan))[1] == "#12 10.0 ± 0.2 m"
+    assert label_texts(tracked(obstacle, "moving", 8.0))[1] == "#12 10.0 ± 0.2 m, 5.0 m/s"
+    assert label_texts(tracked(obstacle, "moving", 1.234))[0] == "red obstacle #12 10.0 ± 0.2 m, 5.0 m/s, in 1.2 s"
 
 
 @pytest.mark.parametrize("size", [(320, 240), (641, 363), (1920, 1080)])

@@ -1,0 +1,315 @@
+"""Ego-motion: RectifiedPairs in, one after the other; how the cameras moved since the one before, out.
+
+Corners of the earlier left image are measured by the Lucas-Kanade method in the earlier right one, in the later left
+one and in the later right one, all at half resolution. What most of them agree on (RANSAC) is refined by robust
+Gauss-Newton over (u, v, d), in which the noise of both measurements of a feature counts.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from roadblock.geometry.pose import inverse, pose, rotation_from_rotvec, rotvec_from_rotation, transform
+from roadblock.geometry.stereo import image_from_car, image_jacobian, triangulate, triangulate_jacobian
+from roadblock.kernels.gray import gray8, halve
+from roadblock.values.camera import Rectification
+from roadblock.values.checks import FloatArray
+from roadblock.values.frame import Gray, RectifiedPair
+from roadblock.values.motion import EgoMotion, Flow
+
+Points = NDArray[np.float32]
+
+WINDOW_PX = 9
+"""Of the Lucas-Kanade method, at half resolution."""
+LEVELS, MORE_LEVELS, FEW_LEVELS = 4, 2, 1
+"""Of the image pyramid: without a guess, with that of the motion before, and with that of the disparity before."""
+STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.01)
+RETURNED_PX = 0.5
+"""There and back again, a feature must end this near to where it started (half resolution)."""
+ROW_PX = 1.0
+"""So far from its row a feature may be found in the other camera (half resolution)."""
+LEAST_D_PX = 1.0
+"""What is further away than this says nothing about how far the cameras moved."""
+AGREE_PX = 2.0
+"""How far a feature may be from where RANSAC's motion puts it (full resolution)."""
+DRAWS = 100
+STEPS = 6
+CAUCHY = 2.0
+"""Residuals of this many sigmas count half."""
+OUTLIER, MEDIAN_OF_3 = 16.3, 2.366
+"""99.9 % and 50 % of a squared residual of three numbers."""
+LENS_SHARE, LENS_RAD = 0.01, 2e-4
+"""What lenses and rows that are slightly off do to a motion: share of its length (seen on KITTI), and turn."""
+NEAREST_M = 0.1
+CONVERGED = 1e-6
+DRIFT_PX = 0.02
+"""How much the disparities' offset may change within a frame."""
+LARGEST_MPS2 = 15.0
+"""No car on wheels speeds up or slows down faster."""
+ACCELERATION_GAP_S = 0.5
+"""Over longer gaps the velocity before tells nothing."""
+
+
+class EgomotionSettings(BaseModel):
+    """How the vehicle's own motion is measured."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    features: int = Field(300, ge=30, le=5000, description="About how many corners are followed.")
+    least_features: int = Field(20, ge=6, description="Fewer that agree say nothing.")
+    least_share: float = Field(0.4, gt=0, le=1, description="Smallest share of the features that must agree.")
+    sigma_px: float = Field(0.2, gt=0, description="Noise of a feature's u, v and d at full resolution.")
+    offset_px: float = Field(0.2, gt=0, description="How far off all disparities may be (a turned camera).")
+    longest_s: float = Field(1.0, gt=0, description="Over longer gaps nothing is measured.")
+
+
+class _Motion(NamedTuple):
+    """`T_now_before` of the car frame, how many pixels all disparities are too small, (7, 7) covariance of both."""
+
+    T: FloatArray
+    offset_px: float
+    cov: FloatArray
+
+
+class _Frame(NamedTuple):
+    """What is kept of a frame: its images and its corners (n, 3) u, v, d at full resolution."""
+
+    t_ns: int
+    left: Gray
+    uvd: FloatArray
+
+
+class Odometer:
+    """Keeps the latest frame of a drive and measures how the cameras moved since.
+
+    Parameters
+    ----------
+    rectification
+        The twin cameras of all pairs.
+    settings
+        Evidence.
+    """
+
+    def __init__(self, rectification: Rectification, settings: EgomotionSettings | None = None) -> None:
+        self.rectification = rectification
+        self.settings = settings or EgomotionSettings()
+        self._before: _Frame | None = None
+        self._twist: FloatArray | None = None
+        self._twist_t_ns = 0
+        self._offset_px, self._offset_px2 = 0.0, self.settings.offset_px**2
+
+    def __call__(self, pair: RectifiedPair) -> EgoMotion | None:
+        """Take the next pair in.
+
+        Returns
+        -------
+        The motion, known or unknown with a reason. None where there is no motion to speak of: the first pair, and pairs
+        whose time stamp is not after that of the pair before, which are passed over.
+        """
+        before = self._before
+        if before is not None and before.t_ns - 1e9 * self.settings.longest_s <= pair.t_ns <= before.t_ns:
+            return None
+        left, right = pair.half or map(halve, gray8(pair.left, pair.right))
+        corners = _spread_corners(left, self.settings.features)
+        self._before = _Frame(pair.t_ns, left, _in_both(left, right, corners)[0])
+        if before is None or pair.t_ns <= before.t_ns:
+            return None
+        found = self._measure(before, left, right, pair.t_ns)
+        if isinstance(found, str):
+            return EgoMotion.unknown(before.t_ns, pair.t_ns, found)
+        return found
+
+    def _measure(self, before: _Frame, left: Gray, right: Gray, t_ns: int) -> EgoMotion | str:
+        s, dt_s = self.settings, (t_ns - before.t_ns) / 1e9
+        if dt_s > s.longest_s:
+            return f"no frame for {dt_s:.1f} s"
+        begin = ((before.uvd[:, :2] - 0.5) / 2).astype(np.float32)
+        guess, levels = self._foreseen(before.uvd, begin, dt_s)
+        there, good = _follow(before.left, left, begin, guess, levels)
+        now, seen = _in_both(left, right, there[good], before.uvd[good, 2])
+        then = before.uvd[good][seen]
+        if len(then) < s.least_features:
+            return f"only {len(then)} features could be followed"
+        T = _agreed(self.rectification, then, now)
+        if T is None:
+            return "no motion that the features agree on"
+        start = _Motion(T, self._offset_px, np.diag([0.0] * 6 + [self._offset_px2 + DRIFT_PX**2]))
+        motion, used, flow = _refined(self.rectification, start, then, now, s.sigma_px)
+        count = int(used.sum())
+        if count < max(s.least_features, s.least_share * len(then)):
+            return f"only {count} of {len(then)} features agree on one motion"
+        self._offset_px, self._offset_px2 = motion.offset_px, min(float(motion.cov[6, 6]), s.offset_px**2)
+        T, cov = motion.T, motion.cov[:6, :6] + _lens_error(motion.T)
+        jerked = self._jerked(T, cov, dt_s, t_ns)
+        self._twist, self._twist_t_ns = np.concatenate([rotvec_from_rotation(T[:3, :3]), T[:3, 3]]) / dt_s, t_ns
+        if jerked:
+            return jerked
+        return EgoMotion(before.t_ns, t_ns, T, cov, used=count, flow=flow)
+
+    def _jerked(self, T: FloatArray, cov: FloatArray, dt_s: float, t_ns: int) -> str:
+        """Return what is wrong with a motion that no vehicle makes after the one before; empty if nothing is."""
+        gap_s = (t_ns - self._twist_t_ns) / 1e9
+        if self._twist is None or gap_s > ACCELERATION_GAP_S:
+            return ""
+        change_mps2 = float(np.linalg.norm(T[:3, 3] / dt_s - self._twist[3:])) / gap_s
+        slack_mps2 = 4 * float(np.sqrt(np.trace(cov[3:, 3:]))) / dt_s / gap_s
+        if change_mps2 <= LARGEST_MPS2 + slack_mps2:
+            return ""
+        return f"it would be an acceleration of {change_mps2:.0f} m/s2"
+
+    def _foreseen(self, uvd: FloatArray, points: Points, dt_s: float) -> tuple[Points, int]:
+        """Return where points (n, 2) should be now if the vehicle moves on as it did, and levels to search."""
+        if self._twist is None:
+            return points.copy(), LEVELS
+        T = pose(rotation_from_rotvec(self._twist[:3] * dt_s), self._twist[3:] * dt_s)
+        there = image_from_car(self.rectification, transform(T, triangulate(self.rectification, uvd)))
+        guess = ((there[:, :2] - 0.5) / 2).astype(np.float32)
+        return np.where(np.isfinite(guess), guess, points), MORE_LEVELS
+
+
+def _in_both(
+    left: Gray, right: Gray, points: Points, d_px: FloatArray | None = None
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return (m, 3) u, v, d at full resolution of the points (n, 2) that were found in the right image, and which.
+
+    `d_px` (n,), where known, is about how large their disparities are.
+    """
+    guess = points.copy()
+    if d_px is not None:
+        guess[:, 0] -= d_px.astype(np.float32) / 2
+    there, good = _follow(left, right, points, guess, LEVELS if d_px is None else FEW_LEVELS)
+    d = points[:, 0] - there[:, 0]
+    good &= (np.abs(points[:, 1] - there[:, 1]) < ROW_PX) & (2 * d > LEAST_D_PX)
+    # A half-resolution pixel is the mean of 2x2 full ones.
+    full = np.stack([2 * points[:, 0] + 0.5, 2 * points[:, 1] + 0.5, 2 * d], -1).astype(float)
+    return full[good], good
+
+
+def _spread_corners(gray: Gray, features: int) -> Points:
+    """Return (n, 2) column and row of the strongest corner of each of about `features` cells that has one."""
+    height, width = gray.shape
+    cell = max(4, round((height * width / features) ** 0.5))
+    rows, columns = height // cell, width // cell
+    strength = cv2.cornerMinEigenVal(gray, 3)
+    border = WINDOW_PX // 2 + 1
+    strength[:border] = strength[-border:] = 0
+    strength[:, :border] = strength[:, -border:] = 0
+    blocks = strength[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell)
+    cells = blocks.swapaxes(1, 2).reshape(rows, columns, -1)
+    row, column = np.nonzero(cells.max(2, initial=0) > 1e-4)
+    best_v, best_u = np.divmod(cells[row, column].argmax(1), cell)
+    return np.stack([column * cell + best_u, row * cell + best_v], -1).astype(np.float32)
+
+
+def _follow(here: Gray, there: Gray, points: Points, guess: Points, levels: int) -> tuple[Points, NDArray[np.bool_]]:
+    """Return where points (n, 2) of one image are in another, and which of them can be trusted.
+
+    `levels` of the image pyramid make up for how bad the `guess` (n, 2) is.
+    """
+    if not len(points):
+        return points, np.zeros(0, bool)
+    search = partial(
+        cv2.calcOpticalFlowPyrLK,
+        winSize=(WINDOW_PX, WINDOW_PX),
+        criteria=STOP,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
+    found, seen, _ = search(here, there, points, guess, maxLevel=levels)
+    back, returned, _ = search(there, here, found, points.copy(), maxLevel=0)
+    good = (seen[:, 0] > 0) & (returned[:, 0] > 0)
+    return np.asarray(found, np.float32), good & (np.hypot(*(back - points).T) < RETURNED_PX)
+
+
+def _agreed(rectification: Rectification, then: FloatArray, now: FloatArray) -> FloatArray | None:
+    """Return the motion `T_now_before` of the car frame that most features agree on, by RANSAC; None if none is found.
+
+    Parameters
+    ----------
+    rectification
+        The twin cameras.
+    then, now
+        (n, 3) u, v, d of the features in both frames.
+    """
+    r = rectification
+    K = np.array([[r.f_px, 0, r.cx_px], [0, r.f_px, r.cy_px], [0, 0, 1]])
+    to_left = np.array([r.baseline_m / 2, 0.0, 0.0])
+    points = triangulate(r, then) + to_left
+    ok, rotvec, t, _ = cv2.solvePnPRansac(
+        points, now[:, :2], K, None, iterationsCount=DRAWS, reprojectionError=AGREE_PX, flags=cv2.SOLVEPNP_P3P
+    )
+    if not ok or not (np.isfinite(rotvec).all() and np.isfinite(t).all()):
+        return None
+    shift = pose(np.eye(3), to_left)
+    return inverse(shift) @ pose(rotation_from_rotvec(rotvec), t) @ shift
+
+
+def _refined(
+    rectification: Rectification, start: _Motion, then: FloatArray, now: FloatArray, sigma_px: float
+) -> tuple[_Motion, NDArray[np.bool_], Flow]:
+    """Return the motion after robust Gauss-Newton, which features agree with it, and how far off each is.
+
+    Parameters
+    ----------
+    rectification
+        The twin cameras.
+    start
+        A first motion; what is known of the disparities' offset beforehand.
+    then, now
+        (n, 3) u, v, d of the features in both frames.
+    sigma_px
+        Noise of each of these numbers.
+    """
+    T, offset_px = start.T, start.offset_px
+    shape_then, shape_now = (_yaw_shape(rectification, uvd) for uvd in (then, now))
+    prior = np.zeros((7, 7))
+    prior[6, 6] = 1 / start.cov[6, 6]
+    for _ in range(STEPS):
+        shifted = then + offset_px * shape_then
+        points = triangulate(rectification, shifted)
+        moved = points @ T[:3, :3].T + T[:3, 3]
+        ahead = moved[:, 2] > NEAREST_M
+        moved = np.where(ahead[:, None], moved, [0.0, 0.0, 1.0])
+        J_now = image_jacobian(rectification, moved)
+        carried = J_now @ (T[:3, :3] @ triangulate_jacobian(rectification, shifted))
+        weight = np.linalg.inv(sigma_px**2 * (np.eye(3) + carried @ carried.swapaxes(1, 2)))
+        residual = now - image_from_car(rectification, moved) + offset_px * shape_now
+        squared = np.einsum("ni,nij,nj->n", residual, weight, residual)
+        trust = ahead / (1 + squared / CAUCHY**2)
+        by_offset = carried @ shape_then[..., None] - shape_now[..., None]
+        J = np.concatenate([J_now @ -_skew(moved), J_now, by_offset], 2)
+        JW = J.swapaxes(1, 2) @ (weight * trust[:, None, None])
+        normal = (JW @ J).sum(0) + prior
+        pull = (JW @ residual[..., None]).sum(0)[:, 0] + prior[6] * (start.offset_px - offset_px)
+        step = np.linalg.lstsq(normal, pull, rcond=None)[0]
+        T, offset_px = pose(rotation_from_rotvec(step[:3]), step[3:6]) @ T, offset_px + float(step[6])
+        if np.abs(step).max() < CONVERGED:
+            break
+    used = ahead & (squared < OUTLIER)
+    # What the features scatter more than they should, the motion is less sure.
+    excess = max(1.0, float(np.median(squared[used])) / MEDIAN_OF_3) if used.any() else 1.0
+    flow = Flow((now + offset_px * shape_now)[ahead], residual[ahead], np.asarray(weight[ahead], float))
+    return _Motion(T, offset_px, np.linalg.pinv(normal) * excess), used, flow
+
+
+def _lens_error(T: FloatArray) -> FloatArray:
+    """Return the (6, 6) covariance of what no number of features averages away."""
+    sigma_m = LENS_SHARE * float(np.linalg.norm(T[:3, 3]))
+    return np.diag([LENS_RAD**2] * 3 + [sigma_m**2] * 3)
+
+
+def _yaw_shape(rectification: Rectification, uvd: FloatArray) -> FloatArray:
+    """Return (n, 3) d(u, v, d) by the disparity's offset in the middle, if the right camera is turned about its y."""
+    shape = np.zeros_like(uvd)
+    shape[:, 2] = 1 + ((uvd[:, 0] - rectification.cx_px) / rectification.f_px) ** 2
+    return shape
+
+
+def _skew(vectors: FloatArray) -> FloatArray:
+    """Return (n, 3, 3) matrices of the cross product with vectors (n, 3)."""
+    x, y, z = vectors.T
+    zero = 0 * x
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(-1, 3, 3)
