@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from low_world import sun
 from numpy.typing import NDArray
 
 from roadblock.sim.conditions import CONDITIONS, Effects
@@ -24,12 +25,6 @@ class World:
     scene: Scene
     effects: Effects
     tile: tuple[int, int, int, int, int, float] | None = None
-
-
-def sun(rng: np.random.Generator) -> np.ndarray:
-    """Draw where the sun stands: 30 to 60 degrees high and not right ahead."""
-    azimuth, elevation = np.radians(rng.uniform(60, 300)), np.radians(rng.uniform(30, 60))
-    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
 
 
 def scene_of(things: tuple[Thing, ...], road: Road, seed: int, rng: np.random.Generator) -> Scene:

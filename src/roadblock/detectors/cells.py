@@ -6,7 +6,7 @@ from time import perf_counter
 import numpy as np
 
 from roadblock.config import Settings
-from roadblock.kernels.gray import gray8, halve
+from roadblock.kernels.gray import half_images
 from roadblock.stages.ground import RoadFinder
 from roadblock.stages.low import LowFinder, drop_covered
 from roadblock.stages.match.cells import CellMatcher
@@ -24,8 +24,7 @@ def cells(settings: Settings) -> Callable[[RectifiedPair], Detections]:
 
     def detect(pair: RectifiedPair) -> Detections:
         clock = [perf_counter()]
-        left, right = pair.half or map(halve, gray8(pair.left, pair.right))
-        found = matcher(left, right)
+        found = matcher(*half_images(pair))
         disparity = DisparityMap(found.d_px, settings.match.sigma_px, found.cell_width_px, found.cell_height_px)
         clock.append(perf_counter())
         ground = find_road(disparity, pair.rectification, pair.t_ns)

@@ -39,6 +39,13 @@ def rotvec_from_rotation(R: ArrayLike) -> FloatArray:
     return scipy.spatial.transform.Rotation.from_matrix(np.array(R, float)).as_rotvec()
 
 
+def skew(vectors: ArrayLike) -> FloatArray:
+    """Return the matrices (..., 3, 3) of the cross product with vectors (..., 3)."""
+    x, y, z = np.moveaxis(np.asarray(vectors, float), -1, 0)
+    zero = 0 * x
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(*x.shape, 3, 3)
+
+
 def vehicle_from_car(T_vehicle_car: FloatArray | None) -> FloatArray:
     """Return `T_vehicle_car`, or the plain change of axes where no mounting is known."""
     return pose(R_VEHICLE_CAR, np.zeros(3)) if T_vehicle_car is None else T_vehicle_car

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from roadblock.values.frame import Gray, Image
+from roadblock.values.frame import Gray, Image, RectifiedPair
 
 
 def gray8(left: Image, right: Image) -> tuple[Gray, Gray]:
@@ -26,3 +26,11 @@ def halve(gray: Gray) -> Gray:
         return np.empty((rows, columns), np.uint8)
     even = gray[: 2 * rows, : 2 * columns]
     return np.asarray(cv2.resize(even, (columns, rows), interpolation=cv2.INTER_AREA))
+
+
+def half_images(pair: RectifiedPair) -> tuple[Gray, Gray]:
+    """Return the pair's half images, 8-bit grey; where it came without, they are made once and stay with it."""
+    if pair.half is None:
+        left, right = gray8(pair.left, pair.right)
+        pair.half = halve(left), halve(right)
+    return pair.half

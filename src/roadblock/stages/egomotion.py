@@ -5,7 +5,6 @@ one and in the later right one, all at half resolution. What most of them agree 
 Gauss-Newton over (u, v, d), in which the noise of both measurements of a feature counts.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import cv2
@@ -13,21 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from roadblock.geometry.pose import inverse, pose, rotation_from_rotvec, rotvec_from_rotation, transform
+from roadblock.geometry.pose import inverse, pose, rotation_from_rotvec, rotvec_from_rotation, skew, transform
 from roadblock.geometry.stereo import image_from_car, image_jacobian, triangulate, triangulate_jacobian
-from roadblock.kernels.gray import gray8, halve
+from roadblock.kernels.features import Points, Search, follow, spread_corners
+from roadblock.kernels.gray import half_images
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.frame import Gray, RectifiedPair
 from roadblock.values.motion import EgoMotion, Flow
 
-Points = NDArray[np.float32]
-
 WINDOW_PX = 9
 """Of the Lucas-Kanade method, at half resolution."""
 LEVELS, MORE_LEVELS, FEW_LEVELS = 4, 2, 1
 """Of the image pyramid: without a guess, with that of the motion before, and with that of the disparity before."""
-STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.01)
+TRIES, SETTLED_PX = 12, 0.01
+"""The search for a feature ends after so many steps, or with a smaller one."""
+BLOCK_PX, CELL_PX, CONTRAST = 3, 4, 1e-4
+"""Corners: over what they are judged, the smallest cell that has one of its own, and their least strength."""
 RETURNED_PX = 0.5
 """There and back again, a feature must end this near to where it started (half resolution)."""
 ROW_PX = 1.0
@@ -113,8 +114,8 @@ class Odometer:
         before = self._before
         if before is not None and before.t_ns - 1e9 * self.settings.longest_s <= pair.t_ns <= before.t_ns:
             return None
-        left, right = pair.half or map(halve, gray8(pair.left, pair.right))
-        corners = _spread_corners(left, self.settings.features)
+        left, right = half_images(pair)
+        corners = spread_corners(left, self.settings.features, BLOCK_PX, CELL_PX, WINDOW_PX // 2 + 1, CONTRAST)
         self._before = _Frame(pair.t_ns, left, _in_both(left, right, corners)[0])
         if before is None or pair.t_ns <= before.t_ns:
             return None
@@ -189,39 +190,9 @@ def _in_both(
     return full[good], good
 
 
-def _spread_corners(gray: Gray, features: int) -> Points:
-    """Return (n, 2) column and row of the strongest corner of each of about `features` cells that has one."""
-    height, width = gray.shape
-    cell = max(4, round((height * width / features) ** 0.5))
-    rows, columns = height // cell, width // cell
-    strength = cv2.cornerMinEigenVal(gray, 3)
-    border = WINDOW_PX // 2 + 1
-    strength[:border] = strength[-border:] = 0
-    strength[:, :border] = strength[:, -border:] = 0
-    blocks = strength[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell)
-    cells = blocks.swapaxes(1, 2).reshape(rows, columns, -1)
-    row, column = np.nonzero(cells.max(2, initial=0) > 1e-4)
-    best_v, best_u = np.divmod(cells[row, column].argmax(1), cell)
-    return np.stack([column * cell + best_u, row * cell + best_v], -1).astype(np.float32)
-
-
 def _follow(here: Gray, there: Gray, points: Points, guess: Points, levels: int) -> tuple[Points, NDArray[np.bool_]]:
-    """Return where points (n, 2) of one image are in another, and which of them can be trusted.
-
-    `levels` of the image pyramid make up for how bad the `guess` (n, 2) is.
-    """
-    if not len(points):
-        return points, np.zeros(0, bool)
-    search = partial(
-        cv2.calcOpticalFlowPyrLK,
-        winSize=(WINDOW_PX, WINDOW_PX),
-        criteria=STOP,
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-    )
-    found, seen, _ = search(here, there, points, guess, maxLevel=levels)
-    back, returned, _ = search(there, here, found, points.copy(), maxLevel=0)
-    good = (seen[:, 0] > 0) & (returned[:, 0] > 0)
-    return np.asarray(found, np.float32), good & (np.hypot(*(back - points).T) < RETURNED_PX)
+    """Return where points (n, 2) of one image are in another, and which of them can be trusted."""
+    return follow(here, there, points, guess, Search(WINDOW_PX, levels, 0, TRIES, SETTLED_PX, RETURNED_PX))
 
 
 def _agreed(rectification: Rectification, then: FloatArray, now: FloatArray) -> FloatArray | None:
@@ -280,7 +251,7 @@ def _refined(
         squared = np.einsum("ni,nij,nj->n", residual, weight, residual)
         trust = ahead / (1 + squared / CAUCHY**2)
         by_offset = carried @ shape_then[..., None] - shape_now[..., None]
-        J = np.concatenate([J_now @ -_skew(moved), J_now, by_offset], 2)
+        J = np.concatenate([J_now @ -skew(moved), J_now, by_offset], 2)
         JW = J.swapaxes(1, 2) @ (weight * trust[:, None, None])
         normal = (JW @ J).sum(0) + prior
         pull = (JW @ residual[..., None]).sum(0)[:, 0] + prior[6] * (start.offset_px - offset_px)
@@ -306,10 +277,3 @@ def _yaw_shape(rectification: Rectification, uvd: FloatArray) -> FloatArray:
     shape = np.zeros_like(uvd)
     shape[:, 2] = 1 + ((uvd[:, 0] - rectification.cx_px) / rectification.f_px) ** 2
     return shape
-
-
-def _skew(vectors: FloatArray) -> FloatArray:
-    """Return (n, 3, 3) matrices of the cross product with vectors (n, 3)."""
-    x, y, z = vectors.T
-    zero = 0 * x
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(-1, 3, 3)

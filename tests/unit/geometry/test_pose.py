@@ -11,6 +11,7 @@ from roadblock.geometry.pose import (
     pose,
     rotation_from_rotvec,
     rotvec_from_rotation,
+    skew,
     transform,
     vehicle_from_car,
 )
@@ -115,3 +116,10 @@ def test_inputs_stay_as_they_are() -> None:
     inverse(T), transform(T, t)
     np.testing.assert_array_equal(R, np.eye(3))
     np.testing.assert_array_equal(t, np.ones(3))
+
+
+@pytest.mark.parametrize("shape", [(3,), (0, 3), (2, 4, 3)])
+def test_a_skew_matrix_is_the_cross_product(shape: tuple[int, ...]) -> None:
+    a, b = np.random.default_rng(3).normal(size=(2, *shape))
+    assert skew(a).shape == (*shape, 3)
+    np.testing.assert_allclose((skew(a) @ b[..., None])[..., 0], np.cross(a, b), **close)

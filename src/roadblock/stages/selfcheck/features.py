@@ -7,17 +7,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from roadblock.kernels import features
+from roadblock.kernels.features import Points
 from roadblock.stages.selfcheck.settings import SelfcheckSettings
 from roadblock.values.frame import Image, RectifiedPair
 
 Gray = NDArray[np.uint8]
-Points = NDArray[np.float32]
 
 BLOCK_PX = 5
 """Over which corners are judged."""
 LEVELS = 4
 """Of the image pyramid: 15 px windows then find shifts of over 100 px."""
-STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.005)
+STEPS, SETTLED_PX = 20, 0.005
+"""The search for a feature ends after so many, or with a smaller one."""
 RETURNED_PX = 0.3
 """There and back again, a feature must end this near to where it started."""
 BEHIND_INFINITY_PX = 30.0
@@ -39,19 +41,8 @@ def _scaled(image: Image, scale: float) -> Gray:
 
 def spread_corners(gray: Gray, settings: SelfcheckSettings) -> Points:
     """Return (n, 2) column and row of the strongest corner of each of about `settings.features` cells that has one."""
-    height, width = gray.shape
-    cell = max(BLOCK_PX, round((height * width / settings.features) ** 0.5))
-    rows, columns = height // cell, width // cell
-    strength = cv2.cornerMinEigenVal(gray, BLOCK_PX)
-    border = settings.window_px // 2 + 1
-    inside = np.zeros_like(strength)
-    middle = slice(border, height - border), slice(border, width - border)
-    inside[middle] = strength[middle]
-    blocks = inside[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell)
-    cells = blocks.swapaxes(1, 2).reshape(rows, columns, -1)
-    row, column = np.nonzero(cells.max(2, initial=0) > settings.contrast)
-    best_v, best_u = np.divmod(cells[row, column].argmax(1), cell)
-    return np.stack([column * cell + best_u, row * cell + best_v], -1).astype(np.float32)
+    border_px = settings.window_px // 2 + 1
+    return features.spread_corners(gray, settings.features, BLOCK_PX, BLOCK_PX, border_px, settings.contrast)
 
 
 def follow(
@@ -70,20 +61,8 @@ def follow(
     guess
         Where they probably are in `there`; as in `here` if not given.
     """
-    if not len(points):
-        return points, np.zeros(0, bool)
-    size = (settings.window_px, settings.window_px)
-    begin = np.array(points, np.float32, order="C").reshape(-1, 1, 2)
-    start = np.array(points if guess is None else guess, np.float32, order="C").reshape(-1, 1, 2)
-    use = cv2.OPTFLOW_USE_INITIAL_FLOW
-    found, seen, _ = cv2.calcOpticalFlowPyrLK(
-        here, there, begin, start, winSize=size, maxLevel=LEVELS, criteria=STOP, flags=use
-    )
-    back, returned, _ = cv2.calcOpticalFlowPyrLK(
-        there, here, found, begin.copy(), winSize=size, maxLevel=LEVELS, criteria=STOP, flags=use
-    )
-    near = np.hypot(*(back[:, 0] - points).T) < RETURNED_PX
-    return np.asarray(found[:, 0], np.float32), np.asarray((seen[:, 0] > 0) & (returned[:, 0] > 0) & near)
+    search = features.Search(settings.window_px, LEVELS, LEVELS, STEPS, SETTLED_PX, RETURNED_PX)
+    return features.follow(here, there, points, points if guess is None else guess, search)
 
 
 def match_pair(

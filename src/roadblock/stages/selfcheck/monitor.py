@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.errors import ValueRefusedError
+from roadblock.kernels.features import Points
 from roadblock.stages.selfcheck.epipolar import UNKNOWN, Turn, fit_turn, normalized, turn_slopes
 from roadblock.stages.selfcheck.expansion import FAR_PX, Stretch, fit_stretch
-from roadblock.stages.selfcheck.features import Gray, Points, follow, gray_pair, match_pair, spread_corners
+from roadblock.stages.selfcheck.features import Gray, follow, gray_pair, match_pair, spread_corners
 from roadblock.stages.selfcheck.settings import SelfcheckSettings
 from roadblock.stages.selfcheck.trust import turn_covariance
 from roadblock.stages.selfcheck.verdict import CLEARED, is_off, is_sure, measure, worded

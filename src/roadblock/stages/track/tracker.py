@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.geometry.pose import pose, rotation_from_rotvec, rotvec_from_rotation, vehicle_from_car
+from roadblock.geometry.pose import inverse, pose, rotation_from_rotvec, rotvec_from_rotation, skew, vehicle_from_car
 from roadblock.stages.track.associate import LOOKS, assign, covered, distances
 from roadblock.stages.track.bank import Bank
 from roadblock.stages.track.describe import WELL_KNOWN, describe, deviation, moved_obstacle
@@ -423,8 +423,8 @@ def _projected(J: FloatArray, P: FloatArray) -> FloatArray:
 
 def _in_vehicle(T: FloatArray, cov: FloatArray, A: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return a motion of the car frame, and its covariance, as one of the vehicle frame; `A` is `T_vehicle_car`."""
-    R, (x, y, z) = A[:3, :3], A[:3, 3]
+    R = A[:3, :3]
     adjoint = np.zeros((6, 6))
     adjoint[:3, :3] = adjoint[3:, 3:] = R
-    adjoint[3:, :3] = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ R
-    return A @ T @ np.linalg.inv(A), adjoint @ cov @ adjoint.T
+    adjoint[3:, :3] = skew(A[:3, 3]) @ R
+    return A @ T @ inverse(A), adjoint @ cov @ adjoint.T
