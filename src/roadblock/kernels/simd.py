@@ -62,12 +62,19 @@ def _constant(n: int, values: Any) -> ir.Constant:
     return ir.Constant(ir.VectorType(BYTE, n), [int(v) for v in values])
 
 
-def _splat(builder: ir.IRBuilder, byte: ir.Value, n: int) -> ir.Value:
-    vector = ir.VectorType(BYTE, n)
-    first = builder.insert_element(ir.Constant(vector, ir.Undefined), byte, WORD(0))
+def _splat(builder: ir.IRBuilder, value: ir.Value, n: int) -> ir.Value:
+    """Return a register with a value in each of its n lanes, whatever its kind."""
+    vector = ir.VectorType(value.type, n)
+    first = builder.insert_element(ir.Constant(vector, ir.Undefined), value, WORD(0))
     return builder.shuffle_vector(
         first, ir.Constant(vector, ir.Undefined), ir.Constant(ir.VectorType(WORD, n), [0] * n)
     )
+
+
+def _halves(builder: ir.IRBuilder, lanes: ir.Value, n: int) -> list[ir.Value]:
+    """Return the first n lanes of a register, and the n after them."""
+    places = [ir.Constant(ir.VectorType(WORD, n), list(range(i, i + n))) for i in (0, n)]
+    return [builder.shuffle_vector(lanes, lanes, place) for place in places]
 
 
 def _call_llvm(builder: ir.IRBuilder, name: str, n: int, *args: ir.Value, result: Any = None) -> ir.Value:
@@ -247,9 +254,7 @@ def least(typing: Any, a: Any) -> Any:
         lanes, n = args[0], a.n
         while n > SMALLEST and n % 2 == 0:
             n //= 2
-            halves = [ir.Constant(ir.VectorType(WORD, n), list(range(i, i + n))) for i in (0, n)]
-            low, high = (builder.shuffle_vector(lanes, lanes, half) for half in halves)
-            lanes = _call_llvm(builder, "umin", n, low, high)
+            lanes = _call_llvm(builder, "umin", n, *_halves(builder, lanes, n))
         if n == SMALLEST and "+sse4.1" in context.codegen().magic_tuple()[2].split(","):
             return _least_by_phminposuw(builder, lanes)
         return _call_llvm(builder, "vector.reduce.umin", n, lanes, result=BYTE)
@@ -388,10 +393,7 @@ def eight(typing: Any, number: Any) -> Any:
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         one = context.cast(builder, args[0], signature.args[0], types.float32)
-        vector = ir.VectorType(ir.FloatType(), EIGHT.n)
-        first = builder.insert_element(ir.Constant(vector, ir.Undefined), one, WORD(0))
-        lanes = ir.Constant(ir.VectorType(WORD, EIGHT.n), [0] * EIGHT.n)
-        return builder.shuffle_vector(first, ir.Constant(vector, ir.Undefined), lanes)
+        return _splat(builder, one, EIGHT.n)
 
     return EIGHT(number), build
 
@@ -404,9 +406,7 @@ def total(typing: Any, reals: Any) -> Any:
         lanes, n = args[0], reals.n
         while n > 1:
             n //= 2
-            halves = [ir.Constant(ir.VectorType(WORD, n), list(range(i, i + n))) for i in (0, n)]
-            low, high = (builder.shuffle_vector(lanes, lanes, half) for half in halves)
-            lanes = builder.fadd(low, high)
+            lanes = builder.fadd(*_halves(builder, lanes, n))
         return builder.extract_element(lanes, WORD(0))
 
     return (types.float32(reals), build) if isinstance(reals, Reals) else None

@@ -181,6 +181,14 @@ def _sum_paths(costs, price1, price2, sums):  # type: ignore[no-untyped-def]
                 simd.store(sums, row, c, simd.add(simd.load(sums, row, c), x))
 
 
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def cover_of_three(lanes: int) -> Bytes:
+    """Return (1, 2 lanes) bytes that, loaded from `lanes - k` on, cover lanes k - 1 .. k + 1."""
+    cover = np.zeros((1, 2 * lanes), np.uint8)
+    cover[0, lanes - 1 : lanes + 2] = TOP
+    return cover
+
+
 def choose(
     costs: Bytes,
     sums: Bytes,
@@ -209,9 +217,7 @@ def _choose(costs, sums, price1, price2, cell_columns, tolerance, least_margin, 
     for c in range(columns):
         simd.store(up, 0, c, nothing)
     worst = simd.splat(TOP, like)
-    # Seen from lane `lanes - k` on, this covers lanes k - 1 .. k + 1.
-    cover = np.zeros((1, 2 * lanes), np.uint8)
-    cover[0, lanes - 1 : lanes + 2] = TOP
+    cover = cover_of_three(lanes)
     best = np.empty(columns, np.uint8)
     totals = np.empty((1, lanes * columns), np.uint8)
     at_right = np.empty((1, columns * cell_columns + lanes), np.uint8)
@@ -331,9 +337,7 @@ def _drop_repeated(costs, texture, cell_columns, marks, d_px):  # type: ignore[n
     like = simd.load(costs, 0, 0)
     everywhere = simd.splat(TOP, like)
     alike, good = ALIKE * cell_columns // 2, GOOD * cell_columns // 2
-    # As in `_choose`: seen from lane `lanes - k` on, this covers lanes k - 1 .. k + 1.
-    cover = np.zeros((1, 2 * lanes), np.uint8)
-    cover[0, lanes - 1 : lanes + 2] = TOP
+    cover = cover_of_three(lanes)
     for r in range(rows):
         above, below = max(r - 1, 0), min(r + 1, rows - 1)
         for c in range(columns):
