@@ -91,6 +91,7 @@ class Pipeline:
             health,
             timings_ms,
             ego,
+            found.stixels,
         )
         return result, rectified
 

@@ -278,3 +278,50 @@ def test_surfaces(sizes: list[int], road: np.ndarray) -> None:
     compiled.measure_surfaces(uvd, bounds, TWIN, road, 0.1, fast)
     reference.measure_surfaces(uvd, bounds, TWIN, road, 0.1, slow)
     np.testing.assert_allclose(fast, slow, rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5])
+@pytest.mark.parametrize("n", [0, 1, 2, 8])
+def test_what_is_seen_through(n: int, share: float) -> None:
+    rng = np.random.default_rng(11)
+    columns, cells = 30, []
+    for _ in range(n):
+        (row, column), (tall, wide) = rng.integers(0, 8, 2), rng.integers(2, 20, 2)
+        grid = np.stack(np.mgrid[row : row + tall, column : column + wide], -1).reshape(-1, 2)
+        chosen = grid[rng.random(len(grid)) < share]
+        cells.append((chosen if len(chosen) else grid) @ [columns, 1])
+    bounds = np.cumsum([0, *map(len, cells)]).astype(np.int32)
+    flat = np.concatenate([*cells, []]).astype(np.int32)
+    order = rng.permutation(n).astype(np.int64)
+    fast, slow = np.empty(n, bool), np.empty(n, bool)
+    compiled.find_through(flat, bounds, order, columns, fast)
+    reference.find_through(flat, bounds, order, columns, slow)
+    np.testing.assert_array_equal(fast, slow)
+    assert n < 8 or 0 < np.count_nonzero(slow) < n
+
+
+def test_a_fence_is_seen_through_and_a_person_is_not() -> None:
+    """Cells of a car, behind pickets in every third column, and behind a person in its middle third."""
+    columns = 24
+    column = np.arange(6 * columns) % columns
+    for near, is_through in ((column % 3 == 0, True), ((column >= 8) & (column < 16), False)):
+        cells = np.concatenate([np.flatnonzero(near), np.flatnonzero(~near)]).astype(np.int32)
+        bounds = np.array([0, near.sum(), near.size], np.int32)
+        for kernels in (compiled, reference):
+            through = np.empty(2, bool)
+            kernels.find_through(cells, bounds, np.array([0, 1]), columns, through)
+            assert through.tolist() == [False, is_through]
+
+
+@pytest.mark.parametrize("road", [ROAD, NO_ROAD], ids=["road", "none"])
+@pytest.mark.parametrize("kind", ["noise", "levels", "unknown"])
+@pytest.mark.parametrize("shape", SHAPES + EMPTY)
+def test_stixels(shape: tuple[int, int], kind: str, road: np.ndarray) -> None:
+    d_px = disparities(shape, kind)
+    z, height = raised(d_px, road)
+    for gap, least, room in ((1, 1, 2000), (2, 3, 2000), (3, 2, 4)):
+        fast, slow = np.zeros((room, 5)), np.zeros((room, 5))
+        n = compiled.find_stixels(d_px, z, height, LIMITS, LINKS, gap, least, fast)
+        assert n == reference.find_stixels(d_px, z, height, LIMITS, LINKS, gap, least, slow)
+        np.testing.assert_allclose(fast, slow, **FLOAT)
+        assert n > 0 or kind == "unknown" or shape != SHAPES[0]

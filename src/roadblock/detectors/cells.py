@@ -10,7 +10,7 @@ from roadblock.kernels.gray import half_images
 from roadblock.stages.ground import RoadFinder
 from roadblock.stages.low import LowFinder, drop_covered
 from roadblock.stages.match.cells import CellMatcher
-from roadblock.stages.segment import find_free_space, find_regions, lift
+from roadblock.stages.segment import find_free_space, find_regions, find_stixels, lift
 from roadblock.values.frame import DisparityMap, RectifiedPair
 from roadblock.values.scene import Detections
 
@@ -33,6 +33,7 @@ def cells(settings: Settings) -> Callable[[RectifiedPair], Detections]:
         free_space = find_free_space(surface, ground, settings.segment)
         colors = pair.left_colors(disparity.cell_px, disparity.cell_height_px)
         regions = find_regions(surface, colors, ground, settings.segment)
+        stixels = find_stixels(surface, settings.segment)
         doubts: tuple[str, ...] = ()
         if settings.low.enabled:
             low, doubt = find_low(pair, ground)
@@ -47,6 +48,7 @@ def cells(settings: Settings) -> Callable[[RectifiedPair], Detections]:
             matched_share=float(np.count_nonzero(found.d_px > 0) / max(1, found.d_px.size)),
             doubts=doubts,
             timings_ms=dict(zip(("match", "ground", "segment"), spent_ms, strict=True)),
+            stixels=stixels,
         )
 
     return detect

@@ -8,7 +8,7 @@ import numpy as np
 from roadblock.config import Settings
 from roadblock.stages.ground import RoadFinder
 from roadblock.stages.match import match
-from roadblock.stages.segment import find_free_space, find_regions, lift, to_cells
+from roadblock.stages.segment import find_free_space, find_regions, find_stixels, lift, to_cells
 from roadblock.values.frame import RectifiedPair
 from roadblock.values.scene import Detections
 
@@ -29,7 +29,9 @@ def dense(settings: Settings) -> Callable[[RectifiedPair], Detections]:
         clock.append(perf_counter())
         free_space = find_free_space(lift(fine, pair.rectification, ground), ground, settings.segment)
         colors = pair.left_colors(REGION_CELL_PX, REGION_CELL_PX)
-        regions = find_regions(lift(coarse, pair.rectification, ground), colors, ground, settings.segment)
+        surface = lift(coarse, pair.rectification, ground)
+        regions = find_regions(surface, colors, ground, settings.segment)
+        stixels = find_stixels(surface, settings.segment)
         clock.append(perf_counter())
         spent_ms = (1e3 * np.diff(clock)).tolist()
         return Detections(
@@ -38,6 +40,7 @@ def dense(settings: Settings) -> Callable[[RectifiedPair], Detections]:
             free_space,
             matched_share=float(np.isfinite(disparity.d_px).mean()),
             timings_ms=dict(zip(("match", "ground", "segment"), spent_ms, strict=True)),
+            stixels=stixels,
         )
 
     return detect

@@ -24,7 +24,7 @@ from roadblock.errors import OutputError, SourceError
 from roadblock.io.machine import machine_record, package_commit
 from roadblock.io.schema import SCHEMA, FrameRecord
 from roadblock.values.motion import Track
-from roadblock.values.scene import FrameResult, FreeSpace, GroundPlane, Obstacle
+from roadblock.values.scene import EDGE_KINDS, FrameResult, FreeSpace, GroundPlane, Obstacle, Stixels
 
 RESULTS, RUN, OVERLAY, VIDEO = "obstacles.jsonl", "run.json", "overlay", "overlay.mp4"
 """The names of a run's own files in its folder."""
@@ -71,6 +71,19 @@ def frame_record(result: FrameResult) -> dict[str, Any]:
         "ground": _ground_record(result.ground),
         "health": {"state": result.health.state, "reasons": [clean_text(reason) for reason in result.health.reasons]},
         "timings_ms": {name: number(ms, MS_DIGITS) for name, ms in result.timings_ms.items()},
+        "stixels": _stixels_record(result.stixels),
+    }
+
+
+def _stixels_record(stixels: Stixels | None) -> dict[str, Any] | None:
+    if stixels is None:
+        return None
+    return {
+        "u_px": numbers(stixels.u_px, PX_DIGITS),
+        "top_px": numbers(stixels.top_px, PX_DIGITS),
+        "bottom_px": numbers(stixels.bottom_px, PX_DIGITS),
+        "range_m": numbers(stixels.range_m, METRE_DIGITS),
+        "height_m": numbers(stixels.height_m, METRE_DIGITS),
     }
 
 
@@ -87,6 +100,7 @@ def _obstacle_record(obstacle: Obstacle) -> dict[str, Any]:
         "cov_calib_m2": _covariance_rows(obstacle.cov_calib_m2),
         "size_m": numbers(obstacle.size_m, METRE_DIGITS),
         "box_px": [int(edge) for edge in obstacle.box_px],
+        "seen_through": obstacle.is_seen_through,
         "contour_px": np.asarray(obstacle.contour_px, int).reshape(-1, 2).tolist(),
         **_track_record(obstacle.track),
     }
@@ -115,9 +129,16 @@ def _covariance_rows(cov: np.ndarray) -> list[list[float]] | None:
 
 
 def _free_space_record(free_space: FreeSpace) -> dict[str, Any]:
+    edges = free_space.edges
     return {
         "u_px": numbers(free_space.u_px, PX_DIGITS),
         "range_m": numbers(free_space.range_m, METRE_DIGITS),
+        "edges": edges
+        and {
+            "range_m": numbers(edges.range_m, METRE_DIGITS),
+            "height_m": numbers(edges.height_m, METRE_DIGITS),
+            "kind": [EDGE_KINDS[kind] if kind else None for kind in edges.kind.tolist()],
+        },
     }
 
 

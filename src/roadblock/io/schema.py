@@ -34,6 +34,7 @@ class ObstacleRecord(Record):
     size_m: Annotated[list[float | None], Field(min_length=3, max_length=3)]
     box_px: Box
     contour_px: list[Pixel]
+    seen_through: bool = False
     velocity_mps: Triple | None
     ttc_s: float | None
     age_s: float | None = None
@@ -44,11 +45,20 @@ class ObstacleRecord(Record):
     ttc_sigma_s: float | None = None
 
 
+class RoadEdgesRecord(Record):
+    """Per image column the first kerb or verge before the end of the free space, null where none was seen."""
+
+    range_m: list[float | None]
+    height_m: list[float | None]
+    kind: list[Literal["kerb", "verge"] | None]
+
+
 class FreeSpaceRecord(Record):
     """Per image column the forward distance to the first thing on the road, null where unobserved."""
 
     u_px: list[float]
     range_m: list[float | None]
+    edges: RoadEdgesRecord | None = None
 
 
 class GroundRecord(Record):
@@ -66,6 +76,16 @@ class HealthRecord(Record):
     reasons: list[str]
 
 
+class StixelsRecord(Record):
+    """What stands, column by column: middle, rows (half open), range, and height of the top over the road."""
+
+    u_px: list[float]
+    top_px: list[float]
+    bottom_px: list[float]
+    range_m: list[float]
+    height_m: list[float | None]
+
+
 class FrameRecord(Record):
     """One line of `obstacles.jsonl`."""
 
@@ -78,3 +98,4 @@ class FrameRecord(Record):
     ground: GroundRecord | None
     health: HealthRecord
     timings_ms: dict[str, float | None]
+    stixels: StixelsRecord | None = None

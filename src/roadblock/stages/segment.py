@@ -11,12 +11,13 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from scipy.ndimage import minimum_filter1d
 
 from roadblock.geometry.stereo import triangulate
+from roadblock.kernels.compiled import edges
 from roadblock.kernels.compiled import street as kernels
 from roadblock.kernels.reference.street import BESIDE
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.frame import DisparityMap, Image
-from roadblock.values.scene import NEAREST_FACE_PERCENT, FreeSpace, GroundPlane, Region
+from roadblock.values.scene import NEAREST_FACE_PERCENT, FreeSpace, GroundPlane, Region, RoadEdges, Stixels
 
 ROAD_M = 0.2
 """What lies this close to the ground plane is road."""
@@ -28,6 +29,8 @@ NEAREST_SHARE = 0.15
 """Free space ends at this share of the cells that stand together: the very nearest may be stray ones."""
 CLOSE_SHARE = 0.9
 """A hole that begins beyond this share of the range lies right before what ends free space, and shortens it."""
+STIXEL_CELLS = 2
+"""Smaller ones are specks."""
 MOST_REGIONS = 1000
 """Of one frame; further ones are dropped."""
 
@@ -49,8 +52,11 @@ class SegmentSettings(BaseModel):
     free_height_m: tuple[float, float] = Field((0.25, 2.5), description="Heights that end free space.")
     free_area_px: float = Field(32.0, gt=0, description="Area of the cells that end a column's free space.")
     free_gap_m: float = Field(0.35, gt=0, description="A hole that could hide this height leaves a column unknown.")
+    edge_height_m: tuple[float, float] = Field((0.05, 0.25), description="Heights of kerbs and verges.")
+    edge_sigma_px: float = Field(0.17, ge=0, description="Noise of a cell's disparity, as far as edges go.")
+    stixels: bool = Field(False, description="Also what stands, column by column.")
 
-    @field_validator("height_m", "free_height_m")
+    @field_validator("height_m", "free_height_m", "edge_height_m")
     @classmethod
     def _rises(cls, limits: tuple[float, float]) -> tuple[float, float]:
         if limits[0] >= limits[1]:
@@ -109,7 +115,7 @@ def lift(disparity: DisparityMap, rectification: Rectification, ground: GroundPl
 
 
 def find_free_space(surface: Surface, ground: GroundPlane | None, settings: SegmentSettings) -> FreeSpace:
-    """Return how far the road is known to be free, per column of cells.
+    """Return how far the road is known to be free, per column of cells, and the kerbs and verges on the way.
 
     A column ends at the first range where cells of `free_area_px` (of it and its neighbours) stand close together, or
     where the road was last seen. NaN where neither was observed, where a hole before it could hide something of
@@ -131,7 +137,18 @@ def find_free_space(surface: Surface, ground: GroundPlane | None, settings: Segm
     kernels.find_holes(surface.height_m, _road_ranges(surface, ground), h, settings.free_gap_m * r.f_px, hole)
     # A hole was made narrower by what is seen beside it.
     beside = minimum_filter1d(hole, 2 * BESIDE + 1, mode="nearest")
-    return FreeSpace(u_px, np.where(beside < CLOSE_SHARE * range_m, np.nan, np.minimum(beside, range_m)))
+    range_m = np.where(beside < CLOSE_SHARE * range_m, np.nan, np.minimum(beside, range_m))
+    return FreeSpace(u_px, range_m, _find_edges(surface, ground, range_m, settings))
+
+
+def _find_edges(surface: Surface, ground: GroundPlane, free_m: FloatArray, settings: SegmentSettings) -> RoadEdges:
+    """Return the kerbs and verges before the end of each column's free space."""
+    r, n = surface.rectification, len(free_m)
+    noise_per_m = ground.height_m / (r.f_px * r.baseline_m) * settings.edge_sigma_px
+    range_m, height_m, kind = np.empty(n), np.empty(n), np.empty(n, np.uint8)
+    limits_m = np.array(settings.edge_height_m)
+    edges.find_edges(surface.height_m, surface.z_m, free_m, noise_per_m, limits_m, range_m, height_m, kind)
+    return RoadEdges(range_m, height_m, kind)
 
 
 def _road_ranges(surface: Surface, ground: GroundPlane) -> FloatArray:
@@ -196,7 +213,30 @@ def find_regions(
     order = np.argsort(nearest[:found])
     kept = np.empty(found, bool)
     kernels.drop_hidden(boxes[order], (np.diff(bounds[: found + 1]) * w * h)[order], kept)
-    return _describe(surface, colors, cells, bounds[: found + 1], boxes, order[kept], settings.locking_px)
+    order, through = order[kept], np.empty(np.count_nonzero(kept), bool)
+    kernels.find_through(cells, bounds, order, columns, through)
+    return _describe(surface, colors, cells, bounds[: found + 1], boxes, order, through, settings.locking_px)
+
+
+def find_stixels(surface: Surface, settings: SegmentSettings) -> Stixels | None:
+    """Return what stands, column by column, on the road or over it; None if the settings want none."""
+    if not settings.stixels:
+        return None
+    disparity, r = surface.disparity, surface.rectification
+    w, h = disparity.cell_px, disparity.cell_height_px
+    found = np.empty((disparity.d_px.size, 5))
+    n = kernels.find_stixels(
+        disparity.d_px,
+        surface.z_m,
+        surface.height_m,
+        np.array([settings.reach_m, *settings.height_m]),
+        np.array([settings.link_m, settings.link_px]),
+        max(1, settings.gap_px // h),
+        STIXEL_CELLS,
+        found,
+    )
+    column, first, end, d_px, height_m = found[:n].T
+    return Stixels(w * column + (w - 1) / 2, h * first, h * end, r.f_px * r.baseline_m / d_px, height_m)
 
 
 def _describe(
@@ -206,6 +246,7 @@ def _describe(
     bounds: NDArray[np.int32],
     boxes: NDArray[np.int32],
     order: NDArray[np.int64],
+    through: NDArray[np.bool_],
     locking_px: float,
 ) -> tuple[Region, ...]:
     """Return the pieces of `order`, in that order."""
@@ -224,7 +265,7 @@ def _describe(
     scatter_px = np.where(np.isfinite(rough_px), rough_px, disparity.sigma_px)
     sigma_px = np.hypot(locking_px, scatter_px).tolist()
     ends, starts = bounds[order + 1].tolist(), bounds[order].tolist()
-    turns = corners.tolist()
+    turns, seen_through = corners.tolist(), through.tolist()
     return tuple(
         Region(
             box_px=tuple(box),
@@ -232,6 +273,7 @@ def _describe(
             surface_uvd_px=uvd[starts[k] : ends[k]],
             sigma_d_px=sigma_px[k],
             color_rgb=rgb[k],
+            is_seen_through=seen_through[k],
         )
         for k, box in enumerate(boxes[order].tolist())
     )

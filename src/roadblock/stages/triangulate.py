@@ -106,6 +106,7 @@ def locate_all(
             box_px=region.box_px,
             contour_px=region.contour_px,
             color=colors[i],
+            is_seen_through=region.is_seen_through,
         )
         for i, region in enumerate(regions)
     ]

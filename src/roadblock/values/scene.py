@@ -15,6 +15,9 @@ NEAREST_FACE_PERCENT = 10
 UNKNOWN_COV = locked(np.full((3, 3), np.nan))
 """Covariance of what nobody knows."""
 
+EDGE_KINDS = ("none", "kerb", "verge")
+"""What ends the road though no wall stands there: a step up to a pavement; grass, gravel, a bank."""
+
 HEALTH_STATES = ("ok", "degraded", "failed")
 
 
@@ -77,6 +80,37 @@ class GroundPlane:
 
 
 @dataclass(frozen=True, eq=False)
+class RoadEdges:
+    """Where a kerb or a verge crosses each image column, before its free space ends.
+
+    Attributes
+    ----------
+    range_m
+        (n,) forward distance to the first one, metres; NaN where none was seen.
+    height_m
+        (n,) how much higher the ground behind it is, metres; NaN where none was seen.
+    kind
+        (n,) uint8 index into `EDGE_KINDS`.
+
+    Raises
+    ------
+    ValueRefusedError
+        If they are no numbers, of unequal length, or there is no such kind.
+    """
+
+    range_m: FloatArray
+    height_m: FloatArray
+    kind: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        for name in ("range_m", "height_m"):
+            object.__setattr__(self, name, numbers(name, getattr(self, name), (len(self.kind),)))
+        if self.kind.dtype != np.uint8 or (self.kind >= len(EDGE_KINDS)).any():
+            raise ValueRefusedError(f"kind must be uint8 of 0..{len(EDGE_KINDS) - 1}, but got {self.kind.tolist()}")
+        object.__setattr__(self, "kind", locked(self.kind))
+
+
+@dataclass(frozen=True, eq=False)
 class FreeSpace:
     """How far the road is free, per image column.
 
@@ -87,6 +121,8 @@ class FreeSpace:
     range_m
         (n,) forward distance to the first thing standing on the road; NaN where nothing of the road or of an
         obstacle was observed: unobserved is never free.
+    edges
+        Kerbs and verges before that range; None where they were not looked for.
 
     Raises
     ------
@@ -96,10 +132,46 @@ class FreeSpace:
 
     u_px: FloatArray
     range_m: FloatArray
+    edges: RoadEdges | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "u_px", finite("u_px", self.u_px, (-1,)))
         object.__setattr__(self, "range_m", numbers("range_m", self.range_m, (len(self.u_px),)))
+        if self.edges is not None and len(self.edges.range_m) != len(self.u_px):
+            raise ValueRefusedError(f"edges must have {len(self.u_px)} columns, but got {len(self.edges.range_m)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Stixels:
+    """What stands, column by column: upright pieces of one range each. A column has none, one, or several.
+
+    Attributes
+    ----------
+    u_px
+        (n,) middle of its column in the rectified left image.
+    top_px, bottom_px
+        (n,) its rows, half open.
+    range_m
+        (n,) its forward distance, metres.
+    height_m
+        (n,) height of its top over the road, metres; NaN without a road.
+
+    Raises
+    ------
+    ValueRefusedError
+        If they are no numbers or of unequal length, or all but the height are not finite.
+    """
+
+    u_px: FloatArray
+    top_px: FloatArray
+    bottom_px: FloatArray
+    range_m: FloatArray
+    height_m: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("u_px", "top_px", "bottom_px", "range_m"):
+            object.__setattr__(self, name, finite(name, getattr(self, name), (len(self.u_px),)))
+        object.__setattr__(self, "height_m", numbers("height_m", self.height_m, (len(self.u_px),)))
 
 
 @dataclass(frozen=True)
@@ -158,6 +230,8 @@ class Region:
         (3,) mean colour 0..255; NaN for grey cameras.
     refined
         Its disparity measured at full resolution; None where that was not done, or did not work out.
+    is_seen_through
+        Whether it is seen through a nearer obstacle that is a lattice: a fence, a railing, twigs.
     """
 
     box_px: tuple[int, int, int, int]
@@ -166,6 +240,7 @@ class Region:
     sigma_d_px: float
     color_rgb: FloatArray
     refined: Refinement | None = None
+    is_seen_through: bool = False
 
     def __post_init__(self) -> None:
         for name in ("contour_px", "surface_uvd_px", "color_rgb"):
@@ -191,6 +266,8 @@ class Detections:
         What it could not tell, and why, in words.
     timings_ms
         Milliseconds per inner stage.
+    stixels
+        What stands, column by column; None where that is not wanted.
     """
 
     regions: tuple[Region, ...]
@@ -199,6 +276,7 @@ class Detections:
     matched_share: float = float("nan")
     doubts: tuple[str, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
+    stixels: Stixels | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,6 +312,8 @@ class Obstacle:
         Standard deviation of `range_m` from the rig's calibration, metres; likewise a bias, and NaN where unknown.
     track
         What is known of it over time; None where nothing is (single frames, things just seen for the first time).
+    is_seen_through
+        As in `Region`.
 
     Raises
     ------
@@ -256,6 +336,7 @@ class Obstacle:
     cov_calib_m2: FloatArray = field(default_factory=lambda: UNKNOWN_COV)
     range_sigma_calib_m: float = float("nan")
     track: Track | None = None
+    is_seen_through: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position_m", finite("position_m", self.position_m, (3,)))
@@ -306,6 +387,8 @@ class FrameResult:
         Milliseconds per stage, and their `total`.
     ego
         How the vehicle moved since the frame before; None for single frames.
+    stixels
+        As in `Detections`.
     """
 
     index: int
@@ -317,3 +400,4 @@ class FrameResult:
     health: Health
     timings_ms: dict[str, float]
     ego: EgoMotion | None = None
+    stixels: Stixels | None = None

@@ -9,9 +9,21 @@ from numpy.typing import NDArray
 from roadblock.geometry.stereo import triangulate
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
-from roadblock.values.scene import FrameResult, FreeSpace, Obstacle
+from roadblock.values.scene import EDGE_KINDS, FrameResult, FreeSpace, Obstacle
 from roadblock.viz.camera_view import SUBPIXEL_BITS, Picture, column_half_width
-from roadblock.viz.colors import FREE, FREE_GROUND, GRID, IN_VIEW, INK, MUTED, PANEL, PAPER, Color, range_color
+from roadblock.viz.colors import (
+    EDGE_COLORS,
+    FREE,
+    FREE_GROUND,
+    GRID,
+    IN_VIEW,
+    INK,
+    MUTED,
+    PANEL,
+    PAPER,
+    Color,
+    range_color,
+)
 from roadblock.viz.text import draw_text, text_width
 
 GRID_M = 10
@@ -65,6 +77,7 @@ def draw_birds_eye(
     plot = _Plot((width / 2, height - margin), (height - 2 * margin) / range_m, range_m)
     picture = np.full((height, width, 3), PANEL, np.uint8)
     _draw_sectors(picture, plot, result.free_space, rectification)
+    _draw_edges(picture, plot, result.free_space, rectification)
     _draw_grid(picture, plot, text_px)
     points = [triangulate(rectification, obstacle.uvd_px) for obstacle in result.obstacles]
     inside = [_is_inside(plot, point, width) for point in points]
@@ -111,6 +124,17 @@ def _draw_sectors(picture: Picture, plot: _Plot, free_space: FreeSpace, rectific
         free = _fan(plot, rectification, u, z)
         _fill(picture, free, FREE_GROUND)
         _line(picture, free[1:], FREE)
+
+
+def _draw_edges(picture: Picture, plot: _Plot, free_space: FreeSpace, rectification: Rectification) -> None:
+    """Put a dot on each kerb and verge."""
+    if free_space.edges is None:
+        return
+    z = free_space.edges.range_m
+    for kind, color in EDGE_COLORS.items():
+        shown = (free_space.edges.kind == EDGE_KINDS.index(kind)) & (z < plot.range_m)
+        for point in _fan(plot, rectification, free_space.u_px[shown], z[shown])[1:]:
+            cv2.circle(picture, np.round(point).astype(int).tolist(), 2, color, cv2.FILLED, cv2.LINE_AA)
 
 
 def _observed_runs(free_space: FreeSpace) -> list[NDArray[np.intp]]:

@@ -9,8 +9,8 @@ from roadblock.geometry.stereo import image_from_car, triangulate
 from roadblock.values.camera import Rectification
 from roadblock.values.frame import Image
 from roadblock.values.motion import Track
-from roadblock.values.scene import FrameResult, FreeSpace, GroundPlane, Obstacle
-from roadblock.viz.colors import FREE, INK, Color, ink_on, range_color
+from roadblock.values.scene import EDGE_KINDS, FrameResult, FreeSpace, GroundPlane, Obstacle, Stixels
+from roadblock.viz.colors import EDGE_COLORS, FREE, INK, Color, ink_on, range_color
 from roadblock.viz.text import draw_text, measure_text, text_width
 
 Picture = NDArray[np.uint8]
@@ -71,6 +71,9 @@ def draw_camera_view(
     size_px = (picture.shape[1], picture.shape[0])
     if result.ground is not None:
         _tint(picture, road_top(result.free_space, result.ground, rectification, scale, size_px[0]))
+        _dot_edges(picture, result.free_space, result.ground, rectification, scale)
+    if result.stixels is not None:
+        _draw_stixels(picture, result.stixels, scale)
     _draw_outlines(picture, result.obstacles, scale, thickness=max(1, round(picture.shape[0] / 360)))
     for text, rect, color in place_labels(result.obstacles, scale, text_px, size_px):
         cv2.rectangle(picture, rect[:2], (rect[2] - 1, rect[3] - 1), color, cv2.FILLED)
@@ -135,6 +138,32 @@ def _tint(picture: Picture, top: NDArray[np.float64]) -> None:
     cv2.copyTo(cv2.addWeighted(green, ROAD_ALPHA, picture, 1 - ROAD_ALPHA, 0), mask, picture)
     edge = mask - np.vstack([np.zeros((2, mask.shape[1]), np.uint8), mask[:-2]])
     cv2.copyTo(green, edge, picture)
+
+
+def _dot_edges(
+    picture: Picture, free_space: FreeSpace, ground: GroundPlane, rectification: Rectification, scale: float
+) -> None:
+    """Put a dot where a kerb or a verge crosses each column."""
+    if free_space.edges is None:
+        return
+    rows = road_rows(FreeSpace(free_space.u_px, free_space.edges.range_m), ground, rectification)
+    radius = max(1, round(picture.shape[0] / 360))
+    for u, v, kind in zip(free_space.u_px, rows, free_space.edges.kind, strict=True):
+        if np.isfinite(v):
+            at = (round(float((u + 0.5) * scale - 0.5)), round(float((v + 0.5) * scale - 0.5)))
+            cv2.circle(picture, at, radius, EDGE_COLORS[EDGE_KINDS[kind]], cv2.FILLED, cv2.LINE_AA)
+
+
+def _draw_stixels(picture: Picture, stixels: Stixels, scale: float) -> None:
+    """Lay each stixel's colour over its place, the nearest last."""
+    filled = picture.copy()
+    half = np.diff(np.unique(stixels.u_px)).min(initial=np.inf) / 2
+    half = half if np.isfinite(half) else 0.5
+    rows = np.round(np.stack([stixels.top_px, stixels.bottom_px], -1) * scale).astype(int)
+    columns = np.round((stixels.u_px[:, None] + 0.5 + (-half, half)) * scale).astype(int)
+    for i in np.argsort(-stixels.range_m):
+        filled[rows[i, 0] : rows[i, 1], max(0, columns[i, 0]) : columns[i, 1]] = range_color(float(stixels.range_m[i]))
+    cv2.addWeighted(filled, OBSTACLE_ALPHA, picture, 1 - OBSTACLE_ALPHA, 0, dst=picture)
 
 
 def _draw_outlines(picture: Picture, obstacles: tuple[Obstacle, ...], scale: float, thickness: int) -> None:

@@ -20,7 +20,7 @@ from roadblock.io.results import (
 )
 from roadblock.io.schema import FrameRecord
 from roadblock.values.motion import Track
-from roadblock.values.scene import FrameResult, FreeSpace, GroundPlane, Health, Obstacle
+from roadblock.values.scene import FrameResult, FreeSpace, GroundPlane, Health, Obstacle, RoadEdges, Stixels
 
 NAN = math.nan
 
@@ -75,15 +75,37 @@ def test_record_is_the_public_schema():
                 "cov_calib_m2": None,
                 "size_m": [1.8, 1.5, None],
                 "box_px": [10, 11, 30, 42],
+                "seen_through": False,
                 "contour_px": [[10, 11], [29, 11], [29, 41]],
                 "velocity_mps": None,
                 "ttc_s": None,
             }
         ],
-        "free_space": {"u_px": [3.5, 11.5, 19.5], "range_m": [7.25, None, None]},
+        "free_space": {"u_px": [3.5, 11.5, 19.5], "range_m": [7.25, None, None], "edges": None},
         "ground": {"height_m": 1.6543, "pitch_rad": 0.02, "roll_rad": 0.0},
         "health": {"state": "degraded", "reasons": ["too dark"]},
         "timings_ms": {"match": 12.346, "total": 20.0},
+        "stixels": None,
+    }
+
+
+def test_record_holds_edges_and_stixels():
+    edges = RoadEdges(np.array([5.0, NAN]), np.array([0.123456, NAN]), np.array([2, 0], np.uint8))
+    free = FreeSpace(np.array([1.5, 5.5]), np.array([7.25, 8.0]), edges)
+    stixels = Stixels(*np.array([[1.5], [10], [20], [7.25]]), np.array([NAN]))
+    record = frame_record(make_result(free_space=free, stixels=stixels))
+    FrameRecord.model_validate(record)
+    assert record["free_space"]["edges"] == {
+        "range_m": [5.0, None],
+        "height_m": [0.1235, None],
+        "kind": ["verge", None],
+    }
+    assert record["stixels"] == {
+        "u_px": [1.5],
+        "top_px": [10.0],
+        "bottom_px": [20.0],
+        "range_m": [7.25],
+        "height_m": [None],
     }
 
 

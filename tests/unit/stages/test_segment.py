@@ -8,13 +8,23 @@ import pytest
 from pydantic import ValidationError
 from stage_examples import LONG, TWIN, Board, disparity_of, noisy, plane
 
-from roadblock.stages.segment import SegmentSettings, Surface, find_free_space, find_regions, lift, to_cells
+from roadblock.geometry.stereo import triangulate
+from roadblock.stages.segment import (
+    SegmentSettings,
+    Surface,
+    find_free_space,
+    find_regions,
+    find_stixels,
+    lift,
+    to_cells,
+)
 from roadblock.values.frame import DisparityMap
-from roadblock.values.scene import GroundPlane, Region
+from roadblock.values.scene import EDGE_KINDS, GroundPlane, Region
 
 GROUND = plane(1.4, 0.02, 0.015)
 SETTINGS = SegmentSettings()
 SIDE, DOWN = TWIN.size_px
+LEVEL = plane(1.4, 0.02)
 NAN32 = np.float32(np.nan)
 
 
@@ -459,3 +469,72 @@ def test_every_cell_may_stand() -> None:
 def test_settings_that_make_no_sense_are_refused(bad: dict[str, object], says: str) -> None:
     with pytest.raises(ValidationError, match=says):
         SegmentSettings.model_validate(bad)
+
+
+# --- kerbs, stixels, lattices -----------------------------------------------------------------------------------------
+
+
+def with_pavement(kerb_m: float, left_m: float) -> DisparityMap:
+    """Return the road with a pavement `kerb_m` higher to the left of x = `left_m`, in closed form."""
+    road, pavement = disparity_of(LEVEL, cell_px=2), disparity_of(plane(1.4 - kerb_m, 0.02), cell_px=2)
+    face = road.d_px.copy()
+    x_m = triangulate(TWIN, pavement.uvd_px)[..., 0]
+    x_road_m = triangulate(TWIN, road.uvd_px)[..., 0]
+    u = road.uvd_px[..., 0]
+    is_face = (x_m >= left_m) & (x_road_m < left_m)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        face_d = TWIN.f_px * TWIN.baseline_m / ((left_m + TWIN.baseline_m / 2) * TWIN.f_px / (u - TWIN.cx_px))
+    d = np.where(x_m < left_m, pavement.d_px, np.where(is_face, face_d, face)).astype(np.float32)
+    return DisparityMap(d, 0.5, 2)
+
+
+def test_a_pavement_is_a_kerb_and_no_obstacle() -> None:
+    disparity = with_pavement(0.14, -1.5)
+    surface = lift(disparity, TWIN, LEVEL)
+    free = find_free_space(surface, LEVEL, SETTINGS)
+    assert free.edges is not None
+    seen = np.isfinite(free.edges.range_m)
+    assert seen.sum() >= 15
+    assert {EDGE_KINDS[kind] for kind in free.edges.kind[seen]} == {"kerb"}
+    np.testing.assert_allclose(free.edges.height_m[seen], 0.14, atol=0.04)
+    x_m = (free.u_px - TWIN.cx_px) / TWIN.f_px * free.edges.range_m - TWIN.baseline_m / 2
+    np.testing.assert_allclose(x_m[seen], -1.5, atol=0.1)
+    assert (free.range_m[seen] > free.edges.range_m[seen] + 1).all()
+    assert find_regions(surface, None, LEVEL, SETTINGS) == ()
+
+
+def test_an_even_road_and_what_stands_on_it_have_no_kerb() -> None:
+    for boards in ((), (Board(9.0, -1.5, 0.2, 1.2), Board(6.0, 0.5, 1.0, 0.15))):
+        for seed in range(3):
+            disparity = noisy(disparity_of(GROUND, boards, cell_px=2), 0.1, seed)
+            free = find_free_space(lift(disparity, TWIN, GROUND), GROUND, SETTINGS)
+            assert free.edges is not None
+            assert np.isnan(free.edges.range_m).all()
+
+
+def test_stixels_are_the_columns_of_what_stands() -> None:
+    near, far = Board(8.0, -1.0, 0.0, 1.5), Board(14.0, -3.0, 3.0, 3.0)
+    disparity = disparity_of(GROUND, (near, far))
+    surface = lift(disparity, TWIN, GROUND)
+    assert find_stixels(surface, SETTINGS) is None
+    stixels = find_stixels(surface, SegmentSettings(stixels=True))
+    assert stixels is not None
+    is_near = np.isclose(stixels.range_m, 8.0, rtol=1e-4)
+    np.testing.assert_allclose(stixels.range_m[~is_near], 14.0, rtol=1e-4)
+    columns = disparity.uvd_px[0, :, 0]
+    np.testing.assert_array_equal(np.unique(stixels.u_px[is_near]), columns[columns_of(near, 4)])
+    assert set(columns[columns_of(near, 4)]) <= set(stixels.u_px[~is_near])  # what looks over it is one of its own
+    np.testing.assert_allclose(stixels.height_m[is_near], 1.5, atol=0.12)
+    assert (stixels.bottom_px > stixels.top_px).all()
+
+
+def test_what_stands_behind_a_fence_is_seen_through_it() -> None:
+    car = Board(12.0, -1.5, 1.5, 1.5)
+    pickets = tuple(Board(6.0, x, x + 0.13, 1.2) for x in np.arange(-2, 2, 0.35))
+    person = Board(6.0, -0.3, 0.3, 1.8)
+    for before, through in ((pickets, True), ((person,), False), ((), False)):
+        surface = lift(disparity_of(GROUND, (car, *before), cell_px=2), TWIN, GROUND)
+        regions = find_regions(surface, None, GROUND, SETTINGS)
+        at_car = [r for r in regions if np.median(r.surface_uvd_px[:, 2]) < TWIN.f_px * TWIN.baseline_m / 10]
+        assert at_car
+        assert {region.is_seen_through for region in at_car} == {through}

@@ -16,6 +16,8 @@ from roadblock.values.scene import (
     Health,
     Obstacle,
     Region,
+    RoadEdges,
+    Stixels,
 )
 
 UP = np.array([0.0, -1.0, 0.0])
@@ -128,6 +130,25 @@ def test_free_space_is_owned_and_keeps_unknown() -> None:
 def test_free_space_refuses(u: Any, reach: Any) -> None:
     with pytest.raises(ValueRefusedError, match="must"):
         FreeSpace(u, reach)
+
+
+def test_edges_refuse() -> None:
+    nan, none = np.full(2, np.nan), np.zeros(2, np.uint8)
+    with pytest.raises(ValueRefusedError, match=r"kind must be uint8 of 0\.\.2"):
+        RoadEdges(nan, nan, np.array([0, 3], np.uint8))
+    with pytest.raises(ValueRefusedError, match="kind must be uint8"):
+        RoadEdges(nan, nan, np.zeros(2))
+    with pytest.raises(ValueRefusedError, match="height_m must have shape"):
+        RoadEdges(nan, np.zeros(3), none)
+    with pytest.raises(ValueRefusedError, match="edges must have 1 columns, but got 2"):
+        FreeSpace(np.zeros(1), np.zeros(1), RoadEdges(nan, nan, none))
+
+
+def test_stixels_refuse_unknown_ranges() -> None:
+    one = np.ones(1)
+    assert np.isnan(Stixels(one, one, one, one, np.full(1, np.nan)).height_m).all()
+    with pytest.raises(ValueRefusedError, match="range_m must be finite"):
+        Stixels(one, one, one, np.full(1, np.nan), one)
 
 
 def region(sigma_d_px: float = 0.2) -> Region:

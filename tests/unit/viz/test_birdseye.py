@@ -5,9 +5,9 @@ import pytest
 from drawn import obstacle_at, result_of, rig_of
 
 from roadblock.values.camera import Rectification
-from roadblock.values.scene import FreeSpace
+from roadblock.values.scene import FreeSpace, RoadEdges
 from roadblock.viz.birdseye import draw_birds_eye, plot_range_m
-from roadblock.viz.colors import FREE_GROUND, IN_VIEW, PANEL, PAPER, range_color
+from roadblock.viz.colors import EDGE_COLORS, FREE_GROUND, IN_VIEW, PANEL, PAPER, range_color
 
 SIZE, TEXT = (300, 380), 13
 MARGIN = 1.9 * TEXT
@@ -53,6 +53,16 @@ def test_unobserved_sectors_are_hatched_and_never_green():
     assert 0.2 < shares(picture, *patch, IN_VIEW) < 0.8
     assert 0.2 < shares(picture, *patch, PANEL) < 0.8
     assert tuple(picture[pixel_of(rig, -3.0, 12.0)]) == FREE_GROUND
+
+
+def test_edges_are_dots_on_the_free_road():
+    rig = rig_of(641, 363)
+    u, z = np.array([200.5, 400.5]), np.array([9.0, 12.0])
+    edges = RoadEdges(z, z / 90, np.array([1, 2], np.uint8))
+    picture = draw(rig, free_space=FreeSpace(u, np.full(2, 15.0), edges))
+    for column, range_m, kind in zip(u, z, ("kerb", "verge"), strict=True):
+        x = (column - rig.cx_px) / rig.f_px * range_m - rig.baseline_m / 2
+        assert tuple(picture[pixel_of(rig, x, range_m)]) == EDGE_COLORS[kind]
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,9 @@ from drawn import obstacle_at, result_of, rig_of
 
 from roadblock.errors import ValueRefusedError
 from roadblock.values.motion import Track
-from roadblock.values.scene import FreeSpace, GroundPlane, Obstacle
+from roadblock.values.scene import FreeSpace, GroundPlane, Obstacle, RoadEdges, Stixels
 from roadblock.viz.camera_view import (
+    OBSTACLE_ALPHA,
     _overlaps,
     draw_camera_view,
     label_texts,
@@ -17,6 +18,7 @@ from roadblock.viz.camera_view import (
     road_top,
     view_box,
 )
+from roadblock.viz.colors import EDGE_COLORS, range_color
 
 
 def test_grey_and_colour_become_rgb_and_stay_untouched(image):
@@ -69,6 +71,31 @@ def test_road_rows_of_a_tilted_bent_road_by_construction(rig):
         y = (v - rig.cy_px) / rig.f_px * z
         height = ground.normal @ (x, y, z) + ground.height_m - ground.bend_per_m * z**2
         assert height == pytest.approx(0, abs=1e-9)
+
+
+def test_kerbs_and_verges_are_dotted_where_they_are(rig):
+    u, z = np.array([100.0, 300.0, 500.0]), np.array([6.0, 9.0, math.nan])
+    edges = RoadEdges(z, z / 60, np.array([1, 2, 0], np.uint8))
+    grey = np.full((rig.size_px[1], rig.size_px[0]), 90, np.uint8)
+    result = result_of(rig, free_space=FreeSpace(u, np.full(3, 15.0), edges))
+    picture = draw_camera_view(grey, result, rig, 1.0, 13)
+    rows = road_rows(FreeSpace(u, z), result.ground, rig)
+    assert tuple(picture[round(rows[0]), 100]) == EDGE_COLORS["kerb"]
+    assert tuple(picture[round(rows[1]), 300]) == EDGE_COLORS["verge"]
+    others = draw_camera_view(grey, result_of(rig, free_space=FreeSpace(u, np.full(3, 15.0))), rig, 1.0, 13)
+    assert (picture[:, 480:] == others[:, 480:]).all()
+
+
+def test_stixels_tint_their_place(rig):
+    stixels = Stixels(*np.array([[101.5, 105.5], [40, 50], [90, 95], [8.0, 30.0]]), np.ones(2))
+    grey = np.full((rig.size_px[1], rig.size_px[0]), 90, np.uint8)
+    unseen = FreeSpace(np.zeros(0), np.zeros(0))
+    picture = draw_camera_view(grey, result_of(rig, stixels=stixels, free_space=unseen), rig, 1.0, 13)
+    for column, row, range_m in ((100, 41, 8.0), (103, 89, 8.0), (104, 51, 30.0), (107, 94, 30.0)):
+        expected = OBSTACLE_ALPHA * np.array(range_color(range_m)) + (1 - OBSTACLE_ALPHA) * 90
+        np.testing.assert_allclose(picture[row, column], expected, atol=1)
+    for column, row in ((99, 60), (108, 60), (101, 39), (101, 90), (105, 95)):
+        assert (picture[row, column] == 90).all()
 
 
 def test_unobserved_columns_are_not_free(rig):

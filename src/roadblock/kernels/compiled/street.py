@@ -16,11 +16,13 @@ from roadblock.kernels.reference.street import (
     FAR_SHARE,
     FULL_SHARE,
     HIDDEN_SHARE,
+    LATTICE,
     NOTHING,
     ROAD_CELLS,
     SECOND_DIFFERENCE,
     SIDE_SHARES,
     SLANT,
+    SPREAD,
     STRAY,
     Floats,
     Ints,
@@ -516,6 +518,81 @@ def drop_hidden(boxes: Ints, areas: Ints, kept: NDArray[np.bool_]) -> None:
             ):
                 kept[i] = False
                 break
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def find_through(cells: Ints, bounds: Ints, order: NDArray[np.int64], columns: int, through: NDArray[np.bool_]) -> None:
+    """See `reference.street.find_through`."""
+    for i in range(len(order)):
+        a, b = bounds[order[i]], bounds[order[i] + 1]
+        c0, r0, c1, r1 = columns, 1 << 30, 0, 0
+        for k in range(a, b):
+            row, column = cells[k] // columns, cells[k] % columns
+            c0, r0, c1, r1 = min(c0, column), min(r0, row), max(c1, column + 1), max(r1, row + 1)
+        wide, tall = c1 - c0, r1 - r0
+        through[i] = False
+        # First and last cell of each row and column.
+        left, right = np.full(tall, wide), np.full(tall, -1)
+        top, bottom = np.full(wide, tall), np.full(wide, -1)
+        for k in range(a, b):
+            row, column = cells[k] // columns - r0, cells[k] % columns - c0
+            left[row], right[row] = min(left[row], column), max(right[row], column)
+            top[column], bottom[column] = min(top[column], row), max(bottom[column], row)
+        crossed = np.zeros(wide, np.bool_)
+        for j in range(i):
+            for k in range(bounds[order[j]], bounds[order[j] + 1]):
+                row, column = cells[k] // columns - r0, cells[k] % columns - c0
+                if (
+                    0 <= row < tall
+                    and 0 <= column < wide
+                    and (left[row] < column < right[row] or top[column] < row < bottom[column])
+                ):
+                    for near in range(max(0, column - LATTICE), min(wide, column + LATTICE + 1)):
+                        crossed[near] = True
+        count = 0
+        for column in range(wide):
+            count += crossed[column]
+        through[i] = count >= SPREAD * wide
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def find_stixels(
+    d_px: Singles,
+    z: Singles,
+    height: Singles,
+    limits: Floats,
+    links: Floats,
+    gap_rows: int,
+    least: int,
+    stixels: Floats,
+) -> int:
+    """See `reference.street.find_stixels`."""
+    reach, low, high = limits
+    rows, columns = z.shape
+    found = 0
+    for column in range(columns):
+        last, first, n, total = -1, -1, 0, 0.0
+        for row in range(rows - 1, -2, -1):
+            if row >= 0:
+                depth, h = z[row, column], height[row, column]
+                if not (depth < reach and (low < h < high or h != h)):
+                    continue
+                d = d_px[row, column]
+                if n > 0 and (
+                    last - row <= gap_rows
+                    and (abs(depth - z[last, column]) < links[0] or abs(d - d_px[last, column]) < links[1])
+                ):
+                    last = row
+                    n += 1
+                    total += d
+                    continue
+            if n >= max(least, 1) and found < len(stixels):
+                stixels[found, 0], stixels[found, 1], stixels[found, 2] = column, last, first + 1
+                stixels[found, 3], stixels[found, 4] = total / n, height[last, column]
+                found += 1
+            if row >= 0:
+                last, first, n, total = row, row, 1, np.float64(d)
+    return found
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

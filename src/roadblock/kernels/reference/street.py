@@ -38,6 +38,8 @@ HIDDEN_SHARE = 0.85
 """A box that lies in a nearer one by more than this is seen through it, ..."""
 FULL_SHARE = 0.5
 """... if more than this of the nearer one is cells."""
+LATTICE, SPREAD = 2, 0.6
+"""What encloses cells of a nearer thing in this share of its columns (or so many beside them) is behind a lattice."""
 FACE_SHARE = 0.3
 """The nearest samples of a surface, whose middle is the obstacle's."""
 SIDE_SHARES = (0.01, 0.99)
@@ -502,6 +504,102 @@ def drop_hidden(boxes: Ints, areas: Ints, kept: NDArray[np.bool_]) -> None:
     for i in range(len(boxes)):
         common = np.maximum(0, np.minimum(high[i], high[:i]) - np.maximum(low[i], low[:i])).prod(-1)
         kept[i] = not (kept[:i] & full[:i] & (common > HIDDEN_SHARE * (high[i] - low[i]).prod())).any()
+
+
+def find_through(cells: Ints, bounds: Ints, order: NDArray[np.int64], columns: int, through: NDArray[np.bool_]) -> None:
+    """Write which pieces are seen through a nearer one that is no solid thing: a fence, a railing, twigs.
+
+    A cell of a nearer piece is enclosed if cells of the farther one lie both above and below it, or both left and right
+    of it. Enclosed cells all over the farther piece make a lattice; in one part of it, they are something before it.
+
+    Parameters
+    ----------
+    cells, bounds
+        As `gather_pieces` writes them.
+    order
+        (n,) the pieces to look at, nearest first.
+    columns
+        Of the grid.
+    through
+        (n,), written.
+    """
+    pieces = [np.stack(np.divmod(cells[bounds[k] : bounds[k + 1]], columns), -1) for k in order]
+    for i, mine in enumerate(pieces):
+        low, high = mine.min(0), mine.max(0) + 1
+        far, near = np.zeros(high - low, bool), np.zeros(high - low, bool)
+        far[tuple((mine - low).T)] = True
+        for other in pieces[:i]:
+            inside = other[((other >= low) & (other < high)).all(-1)]
+            near[tuple((inside - low).T)] = True
+        enclosed = np.zeros_like(near)
+        for axis in (0, 1):
+            before = np.logical_or.accumulate(far, axis)
+            after = np.flip(np.logical_or.accumulate(np.flip(far, axis), axis), axis)
+            enclosed |= near & before & after
+        crossed = maximum_filter1d(enclosed.any(0), 2 * LATTICE + 1, mode="constant")
+        through[i] = np.count_nonzero(crossed) >= SPREAD * len(crossed)
+
+
+def find_stixels(
+    d_px: Singles,
+    z: Singles,
+    height: Singles,
+    limits: Floats,
+    links: Floats,
+    gap_rows: int,
+    least: int,
+    stixels: Floats,
+) -> int:
+    """Write the upright pieces of each column: cells of like range, one above the other.
+
+    Parameters
+    ----------
+    d_px, z, height
+        See the module.
+    limits
+        (reach, low, high), metres: what is nearer than the first, and of a height between the others, stands.
+    links
+        (metres, pixels): the next cell upwards belongs to the piece if it is this near to the last one.
+    gap_rows
+        And no more rows above it.
+    least
+        Pieces of fewer cells are left out.
+    stixels
+        (m, 5), written: column, first row, last row + 1, mean disparity, height of the top cell. What does not fit in
+        is left out.
+
+    Returns
+    -------
+    How many there are.
+    """
+    reach, low, high = limits
+    rows, columns = z.shape
+    stands = (z < reach) & (((height > low) & (height < high)) | np.isnan(height))
+    found = 0
+    for column in range(columns):
+        run: list[int] = []
+        for row in [*range(rows - 1, -1, -1), -1]:
+            if row >= 0 and not stands[row, column]:
+                continue
+            goes_on = row >= 0 and (
+                not run
+                or (
+                    run[-1] - row <= gap_rows
+                    and (
+                        abs(z[row, column] - z[run[-1], column]) < links[0]
+                        or abs(d_px[row, column] - d_px[run[-1], column]) < links[1]
+                    )
+                )
+            )
+            if goes_on:
+                run.append(row)
+                continue
+            if len(run) >= least and found < len(stixels):
+                d = float(d_px[run, column].astype(float).mean())
+                stixels[found] = column, run[-1], run[0] + 1, d, height[run[-1], column]
+                found += 1
+            run = [row]
+    return found
 
 
 def measure_surfaces(uvd: Floats, bounds: Ints, twin: Floats, road: Floats, near_share: float, out: Floats) -> None:
