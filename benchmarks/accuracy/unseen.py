@@ -113,11 +113,15 @@ def road_limit(unseen: Mask, z_m: Floats, height_m: Floats) -> Floats:
     return limit
 
 
-def first_standing(z_m: Floats, height_m: Floats) -> Floats:
-    """Return per column the nearest range of what stands 0.25 to 2.5 m high in it and in the cells to either side."""
+def first_standing(z_m: Floats, height_m: Floats, *, beside: bool = True) -> Floats:
+    """Return per column how far ahead the first thing 0.25 to 2.5 m high stands that ends it and the cells beside it.
+
+    With `beside` False, the first that ends it or one of them.
+    """
     stands = np.where((height_m > 0.25) & (height_m < 2.5), z_m, np.inf)
     nearest = np.partition(stands, 7, axis=0)[7].astype(np.float32)  # the 8 nearest pixels: no stray one
-    return cv2.dilate(nearest[None], np.ones((1, 12)))[0].astype(float)
+    farther = cv2.dilate if beside else cv2.erode
+    return farther(nearest[None], np.ones((1, 12)))[0].astype(float)
 
 
 def unseen_columns(free: FreeSpace, standing_m: Floats, limit_m: Floats) -> tuple[int, int]:

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from roadblock.errors import SettingsError
 from roadblock.stages.bands import BandsSettings
 from roadblock.stages.egomotion import EgomotionSettings
+from roadblock.stages.fuse import FuseSettings
 from roadblock.stages.ground import GroundSettings
 from roadblock.stages.health import HealthSettings
 from roadblock.stages.low import LowSettings
@@ -43,6 +44,7 @@ class Settings(BaseModel):
     health: HealthSettings = HealthSettings()
     egomotion: EgomotionSettings = EgomotionSettings()
     track: TrackSettings = TrackSettings()
+    fuse: FuseSettings = FuseSettings()
 
 
 def load_settings(path: Path | None = None, assignments: Iterable[str] = ()) -> Settings:

@@ -9,6 +9,7 @@ from roadblock.config import Settings
 from roadblock.detectors import make_detector
 from roadblock.errors import SourceError
 from roadblock.stages.egomotion import Odometer
+from roadblock.stages.fuse import FreeSpaceMemory
 from roadblock.stages.health import judge, looks_swapped
 from roadblock.stages.recognize import name_colors
 from roadblock.stages.rectify import plan_rectification, rectify
@@ -44,6 +45,7 @@ class Pipeline:
         self.rectification = plan_rectification(rig, self.settings.rectify)
         self.detect = make_detector(self.settings)
         self._measure_ego = Odometer(self.rectification, self.settings.egomotion)
+        self._remember = FreeSpaceMemory(self.rectification, self.settings.fuse)
         self._tracker = Tracker(self.rectification, rig.T_vehicle_car, self.settings.track)
 
     def step(self, pair: StereoPair) -> tuple[FrameResult, RectifiedPair]:
@@ -74,10 +76,12 @@ class Pipeline:
         health = judge(found, self.settings.health)
         if health.state != "ok" and looks_swapped(rectified):
             raise SourceError(f"frame {pair.name}: the left and right images look swapped: exchange them")
-        ego = None
+        ego, free_space = None, found.free_space
         if self.settings.track.enabled and pair.t_ns != 0:  # single frames have no moment
             with _timed(timings_ms, "egomotion"):
                 ego = self._measure_ego(rectified)
+            with _timed(timings_ms, "fuse"):
+                free_space = self._remember(free_space, pair.t_ns, ego)
             with _timed(timings_ms, "track"):
                 obstacles = self._tracker.update(obstacles, pair.t_ns, ego, found.free_space)
         timings_ms["total"] = sum(timings_ms.values())
@@ -86,7 +90,7 @@ class Pipeline:
             pair.name,
             pair.t_ns,
             tuple(sorted(obstacles, key=lambda o: o.range_m)),
-            found.free_space,
+            free_space,
             found.ground,
             health,
             timings_ms,

@@ -88,9 +88,11 @@ def test_free_space(shape: tuple[int, int], kind: str, road: np.ndarray) -> None
     heights = np.array([0.25, 2.5, 0.2])
     for support, spread, quantile in ((1, 0, 0.15), (3, 1, 0.15), (9, 1, 0.9), (6, 3, 0.0), (500, 1, 0.15)):
         fast, slow = np.empty(shape[1]), np.empty(shape[1])
-        compiled.measure_free(d_px, height, FB, heights, support, spread, quantile, fast)
-        reference.measure_free(d_px, height, FB, heights, support, spread, quantile, slow)
+        blocked = np.empty(shape[1], bool), np.empty(shape[1], bool)
+        compiled.measure_free(d_px, height, FB, heights, support, spread, quantile, fast, blocked[0])
+        reference.measure_free(d_px, height, FB, heights, support, spread, quantile, slow, blocked[1])
         np.testing.assert_allclose(fast, slow, **FLOAT)
+        np.testing.assert_array_equal(*blocked)
 
 
 def test_free_space_ends_at_road_and_at_things() -> None:
@@ -98,8 +100,10 @@ def test_free_space_ends_at_road_and_at_things() -> None:
     d_px = disparities(SHAPES[0], "levels")
     free = np.empty(31)
     for heights, ends in (((0.25, 2.5, 0.2), True), ((90.0, 91.0, 5.0), True), ((90.0, 91.0, 0.0), False)):
-        reference.measure_free(d_px, raised(d_px, ROAD)[1], FB, np.array(heights), 3, 1, 0.15, free)
+        blocked = np.empty(31, bool)
+        reference.measure_free(d_px, raised(d_px, ROAD)[1], FB, np.array(heights), 3, 1, 0.15, free, blocked)
         assert np.isfinite(free).any() == ends
+        assert blocked.any() == (heights[0] < 1)
 
 
 @pytest.mark.parametrize("road", [ROAD, NO_ROAD], ids=["road", "none"])

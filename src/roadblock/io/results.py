@@ -133,6 +133,7 @@ def _free_space_record(free_space: FreeSpace) -> dict[str, Any]:
     return {
         "u_px": numbers(free_space.u_px, PX_DIGITS),
         "range_m": numbers(free_space.range_m, METRE_DIGITS),
+        "blocked": None if free_space.is_blocked is None else free_space.is_blocked.tolist(),
         "edges": edges
         and {
             "range_m": numbers(edges.range_m, METRE_DIGITS),

@@ -58,6 +58,7 @@ class FreeSpaceRecord(Record):
 
     u_px: list[float]
     range_m: list[float | None]
+    blocked: list[bool] | None = None
     edges: RoadEdgesRecord | None = None
 
 

@@ -127,18 +127,20 @@ def find_free_space(surface: Surface, ground: GroundPlane | None, settings: Segm
     u_px = w * np.arange(columns, dtype=float) + (w - 1) / 2
     range_m = np.full(columns, np.nan)
     if ground is None or rows == 0:
-        return FreeSpace(u_px, range_m)
+        return FreeSpace(u_px, range_m, np.zeros(columns, bool))
     aside = round(ASIDE_PX / w)
     support = min(max(1, round(settings.free_area_px / (w * h))), rows * (2 * aside + 1))
     heights = np.array([*settings.free_height_m, ROAD_M])
     fb = r.f_px * r.baseline_m
-    kernels.measure_free(disparity.d_px, surface.height_m, fb, heights, support, aside, NEAREST_SHARE, range_m)
+    blocked = np.empty(columns, bool)
+    kernels.measure_free(disparity.d_px, surface.height_m, fb, heights, support, aside, NEAREST_SHARE, range_m, blocked)
     hole = np.empty(columns)
     kernels.find_holes(surface.height_m, _road_ranges(surface, ground), h, settings.free_gap_m * r.f_px, hole)
     # A hole was made narrower by what is seen beside it.
     beside = minimum_filter1d(hole, 2 * BESIDE + 1, mode="nearest")
+    blocked &= beside >= range_m
     range_m = np.where(beside < CLOSE_SHARE * range_m, np.nan, np.minimum(beside, range_m))
-    return FreeSpace(u_px, range_m, _find_edges(surface, ground, range_m, settings))
+    return FreeSpace(u_px, range_m, blocked, _find_edges(surface, ground, range_m, settings))
 
 
 def _find_edges(surface: Surface, ground: GroundPlane, free_m: FloatArray, settings: SegmentSettings) -> RoadEdges:

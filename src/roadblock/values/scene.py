@@ -121,6 +121,9 @@ class FreeSpace:
     range_m
         (n,) forward distance to the first thing standing on the road; NaN where nothing of the road or of an
         obstacle was observed: unobserved is never free.
+    is_blocked
+        (n,) whether something standing was seen there; False where the road was seen no further, or nothing was. None
+        for a detector that does not tell.
     edges
         Kerbs and verges before that range; None where they were not looked for.
 
@@ -132,11 +135,17 @@ class FreeSpace:
 
     u_px: FloatArray
     range_m: FloatArray
+    is_blocked: NDArray[np.bool_] | None = None
     edges: RoadEdges | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "u_px", finite("u_px", self.u_px, (-1,)))
         object.__setattr__(self, "range_m", numbers("range_m", self.range_m, (len(self.u_px),)))
+        if self.is_blocked is not None:
+            if self.is_blocked.shape != (len(self.u_px),) or self.is_blocked.dtype != bool:
+                got = f"{self.is_blocked.dtype} {self.is_blocked.shape}"
+                raise ValueRefusedError(f"is_blocked must be bool ({len(self.u_px)},), but got {got}")
+            object.__setattr__(self, "is_blocked", locked(self.is_blocked))
         if self.edges is not None and len(self.edges.range_m) != len(self.u_px):
             raise ValueRefusedError(f"edges must have {len(self.u_px)} columns, but got {len(self.edges.range_m)}")
 

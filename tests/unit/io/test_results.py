@@ -81,7 +81,7 @@ def test_record_is_the_public_schema():
                 "ttc_s": None,
             }
         ],
-        "free_space": {"u_px": [3.5, 11.5, 19.5], "range_m": [7.25, None, None], "edges": None},
+        "free_space": {"u_px": [3.5, 11.5, 19.5], "range_m": [7.25, None, None], "blocked": None, "edges": None},
         "ground": {"height_m": 1.6543, "pitch_rad": 0.02, "roll_rad": 0.0},
         "health": {"state": "degraded", "reasons": ["too dark"]},
         "timings_ms": {"match": 12.346, "total": 20.0},
@@ -91,10 +91,11 @@ def test_record_is_the_public_schema():
 
 def test_record_holds_edges_and_stixels():
     edges = RoadEdges(np.array([5.0, NAN]), np.array([0.123456, NAN]), np.array([2, 0], np.uint8))
-    free = FreeSpace(np.array([1.5, 5.5]), np.array([7.25, 8.0]), edges)
+    free = FreeSpace(np.array([1.5, 5.5]), np.array([7.25, 8.0]), np.array([True, False]), edges)
     stixels = Stixels(*np.array([[1.5], [10], [20], [7.25]]), np.array([NAN]))
     record = frame_record(make_result(free_space=free, stixels=stixels))
     FrameRecord.model_validate(record)
+    assert record["free_space"]["blocked"] == [True, False]
     assert record["free_space"]["edges"] == {
         "range_m": [5.0, None],
         "height_m": [0.1235, None],

@@ -141,7 +141,13 @@ def test_edges_refuse() -> None:
     with pytest.raises(ValueRefusedError, match="height_m must have shape"):
         RoadEdges(nan, np.zeros(3), none)
     with pytest.raises(ValueRefusedError, match="edges must have 1 columns, but got 2"):
-        FreeSpace(np.zeros(1), np.zeros(1), RoadEdges(nan, nan, none))
+        FreeSpace(np.zeros(1), np.zeros(1), None, RoadEdges(nan, nan, none))
+
+
+@pytest.mark.parametrize("blocked", [np.zeros(2, bool), np.zeros(1, np.uint8)])
+def test_free_space_refuses_what_is_no_flag_per_column(blocked: np.ndarray) -> None:
+    with pytest.raises(ValueRefusedError, match=r"is_blocked must be bool \(1,\)"):
+        FreeSpace(np.zeros(1), np.zeros(1), blocked)
 
 
 def test_stixels_refuse_unknown_ranges() -> None:

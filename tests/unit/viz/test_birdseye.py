@@ -59,7 +59,7 @@ def test_edges_are_dots_on_the_free_road():
     rig = rig_of(641, 363)
     u, z = np.array([200.5, 400.5]), np.array([9.0, 12.0])
     edges = RoadEdges(z, z / 90, np.array([1, 2], np.uint8))
-    picture = draw(rig, free_space=FreeSpace(u, np.full(2, 15.0), edges))
+    picture = draw(rig, free_space=FreeSpace(u, np.full(2, 15.0), None, edges))
     for column, range_m, kind in zip(u, z, ("kerb", "verge"), strict=True):
         x = (column - rig.cx_px) / rig.f_px * range_m - rig.baseline_m / 2
         assert tuple(picture[pixel_of(rig, x, range_m)]) == EDGE_COLORS[kind]

@@ -77,7 +77,7 @@ def test_kerbs_and_verges_are_dotted_where_they_are(rig):
     u, z = np.array([100.0, 300.0, 500.0]), np.array([6.0, 9.0, math.nan])
     edges = RoadEdges(z, z / 60, np.array([1, 2, 0], np.uint8))
     grey = np.full((rig.size_px[1], rig.size_px[0]), 90, np.uint8)
-    result = result_of(rig, free_space=FreeSpace(u, np.full(3, 15.0), edges))
+    result = result_of(rig, free_space=FreeSpace(u, np.full(3, 15.0), None, edges))
     picture = draw_camera_view(grey, result, rig, 1.0, 13)
     rows = road_rows(FreeSpace(u, z), result.ground, rig)
     assert tuple(picture[round(rows[0]), 100]) == EDGE_COLORS["kerb"]

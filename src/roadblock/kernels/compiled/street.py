@@ -90,6 +90,7 @@ def measure_free(
     spread: int,
     quantile: float,
     free: Floats,
+    blocked: NDArray[np.bool_],
 ) -> None:
     """See `reference.street.measure_free`."""
     low, high, road = heights
@@ -149,6 +150,7 @@ def measure_free(
                         at = k
                         break
                 break
+        blocked[column] = at >= 0
         if at < 0:
             passed = 0
             for k in range(top + 1):

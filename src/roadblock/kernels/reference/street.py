@@ -120,6 +120,7 @@ def measure_free(
     spread: int,
     quantile: float,
     free: Floats,
+    blocked: NDArray[np.bool_],
 ) -> None:
     """Write how far each column is free: up to what stands first, or else to the last road seen.
 
@@ -139,6 +140,8 @@ def measure_free(
         Free space ends at this share of those cells, and at `STRAY` of them at least.
     free
         (columns,), written: range in metres, the mean of the cells of one disparity bin; NaN where neither was seen.
+    blocked
+        (columns,), written: whether something standing ends it.
     """
     low, high, road = heights
     known = d_px > 0
@@ -149,6 +152,7 @@ def measure_free(
         near = slice(max(0, column - spread), column + spread + 1)
         mine, d = bins[:, near], d_px[:, near]
         ends, at = stands[:, near], _first_standing(mine[stands[:, near]], fb, support, quantile)
+        blocked[column] = at >= 0
         if at < 0:
             ends = lies[:, near]
             farthest = np.sort(mine[ends])
