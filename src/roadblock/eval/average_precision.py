@@ -1,9 +1,10 @@
-"""Average precision by KITTI's rules and by nuScenes's. Plain numbers in; 0 (nothing right) to 1 out, NaN without truth.
+"""Average precision by the rules of KITTI and nuScenes: plain numbers in; 0 to 1 out, NaN without truth.
 
-KITTI (pairing as in the object benchmark's `evaluate_object.cpp`, AP over 40 recalls, Simonelli et al., 2019): found and
-true things pair by overlap; those that are too small, hidden or cut off for a level, and things of a like class, count
-neither way. The benchmark's program takes one recall per hit and so gives next to nothing for fewer than 40 true things;
-here each recall is looked up by itself, which comes to the same for many and is right for few. nuScenes (Caesar et al., 2020): they pair by the distance of their places on the road.
+KITTI (pairing as in the object benchmark's `evaluate_object.cpp`, AP over 40 recalls, Simonelli et al., 2019): found
+and true things pair by overlap; those that are too small, hidden or cut off for a level, and things of a like class,
+count neither way. The benchmark's program takes one recall per hit and so gives next to nothing for fewer than 40 true
+things; here each recall is looked up by itself, which comes to the same for many and is right for few. nuScenes (Caesar
+et al., 2020): they pair by the distance of their places on the road.
 """
 
 import math

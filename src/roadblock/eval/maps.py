@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from roadblock.eval.accuracy import Reading, accuracy
 from roadblock.eval.match import Record, overlaps
@@ -84,10 +85,10 @@ def _areas_px2(boxes: FloatArray) -> FloatArray:
     return np.asarray(np.prod(boxes[:, 2:] - boxes[:, :2], -1))
 
 
-def _covers(obstacles: Sequence[Record], things: Sequence[TrueThing]) -> FloatArray:
+def _covers(obstacles: Sequence[Record], things: Sequence[TrueThing]) -> NDArray[np.bool_]:
     """Return (n, m) whether an obstacle covers at least half of a thing's box."""
     boxes = np.array([t.box_px for t in things], float).reshape(-1, 4)
-    return _common_px2(_boxes(obstacles), boxes) >= 0.5 * _areas_px2(boxes)
+    return np.asarray(_common_px2(_boxes(obstacles), boxes) >= 0.5 * _areas_px2(boxes))
 
 
 def count_duplicates(obstacles: Sequence[Record]) -> int:
@@ -111,7 +112,7 @@ def judge_things(obstacles: Sequence[Record], things: Sequence[TrueThing]) -> li
     rows = []
     for k, thing in enumerate(things):
         is_right = np.abs(range_m - thing.range_m) <= tolerance(thing.range_m, 0.5, 0.05)
-        hits = np.flatnonzero(overlap[:, k] >= 0.5)
+        hits = np.flatnonzero(overlap[:, k] >= 0.5).tolist()
         best = max(hits, key=lambda i: (is_right[i], overlap[i, k]), default=None)
         lies_inside = common[:, k] >= np.maximum(0.5 * _areas_px2(boxes), 0.1 * _areas_px2(true_boxes)[k])
         near_m = thing.range_m - tolerance(thing.range_m, 1, 0.1)

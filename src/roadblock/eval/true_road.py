@@ -7,7 +7,7 @@ z forward, from the left camera, metres.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from roadblock.values.checks import FloatArray
 from roadblock.values.scene import NEAREST_FACE_PERCENT
@@ -79,7 +79,7 @@ class TrueFrame:
     ground_m: FloatArray
 
 
-def tolerance(range_m: FloatArray | float, least_m: float, share: float) -> FloatArray:
+def tolerance(range_m: ArrayLike, least_m: float, share: float) -> FloatArray:
     """Return the larger of a length and a share of the range."""
     return np.maximum(least_m, share * np.asarray(range_m, float))
 
@@ -149,7 +149,7 @@ def fit_road(x: FloatArray, y: FloatArray, z: FloatArray, rng: np.random.Generat
     A = np.stack([np.ones_like(z), z, x], -1)
     for limit_m in (0.10, 0.06, 0.06):
         on = near & (np.abs(y - A @ plane) < limit_m)
-        plane = np.linalg.lstsq(A[on], y[on], rcond=None)[0]
+        plane = np.asarray(np.linalg.lstsq(A[on], y[on], rcond=None)[0], float)
     bent = np.append(plane, 0.0)
     A = np.append(A, (z * z)[:, None], axis=1)
     straight = np.array([[0.0, 0.0, 0.0, 3e4]])  # unless far road says otherwise
@@ -162,7 +162,8 @@ def fit_road(x: FloatArray, y: FloatArray, z: FloatArray, rng: np.random.Generat
 
 
 def _best_plane(x: FloatArray, y: FloatArray, z: FloatArray, rng: np.random.Generator) -> FloatArray | None:
-    best, plane = -1.0, None
+    best = -1.0
+    plane: FloatArray | None = None
     for _ in range(DRAWS if len(x) >= 3 else 0):
         i = rng.choice(len(x), 3, replace=False)
         try:
@@ -174,5 +175,5 @@ def _best_plane(x: FloatArray, y: FloatArray, z: FloatArray, rng: np.random.Gene
         rest = y - tried[0] - tried[1] * z - tried[2] * x
         score = 5 * np.sum(np.abs(rest) < 0.05) - 3 * np.sum(rest > 0.25)  # much below the road speaks against it
         if score > best:
-            best, plane = float(score), tried
+            best, plane = float(score), np.asarray(tried, float)
     return plane
