@@ -42,7 +42,7 @@ def judge_maps(found: Mapping[str, Record], truth: Iterable[TrueMap], offset_px:
 
     Returns
     -------
-    `things`, `precision`, `free_space` and `ground`, plain values, None where unknown.
+    `things`, their `readings`, `precision`, `free_space` and `ground`, plain values, None where unknown.
     """
     things: list[dict[str, Any]] = []
     claims: list[dict[str, Any]] = []
@@ -65,6 +65,7 @@ def judge_maps(found: Mapping[str, Record], truth: Iterable[TrueMap], offset_px:
         "duplicates": duplicates,
         "merging_obstacles": merging,
         "things": [_thing_row(things, low, high) for low, high in THING_BANDS_M],
+        "readings": [plain_record(vars(t["reading"])) for t in things],
         "precision": precision_rows(claims),
         "free_space": free_space_rows(np.concatenate(columns)) if columns else None,
         "ground": _ground_row(grounds),
