@@ -114,7 +114,7 @@ def _show_tracks(tracks: Mapping[str, Any]) -> None:
 
 def _show_maps(maps: Mapping[str, Any]) -> None:
     things = [{**row, **row["range_error"], "n": row["n"]} for row in maps["things"]]
-    shares = {"n": ">n", "found_share": ">found", "box_share": ">box", "split": ">split", "merged": ">merged"}
+    shares = {"n": ">n", "found_share": ">found", "box_share": ">box"}
     _show(f"things, against true depths: {ERRORS_IN_WORDS}", things, {"": ">at (m)", **shares, **ERRORS})
     counts = {name: f">{name}" for name in ("supported", "unsupported", "hidden", "unknown")}
     rows = [row for row in maps["precision"] if row["class"] == ALL or row["to_m"] - row["from_m"] > 20]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from roadblock.eval.average_precision import Candidates, distance_average_precision, kitti_average_precision
-from roadblock.eval.match import Record, overlaps
+from roadblock.eval.match import Record, boxes_of, overlaps
 from roadblock.eval.plain import plain_record
 from roadblock.eval.things import ANY, Judged, class_of, share_inside
 from roadblock.geometry.boxes import footprint, polygon_overlap
@@ -81,7 +81,7 @@ def _kitti_candidates(
 
 
 def _image_overlaps(found: Sequence[Record], true: Sequence[Record]) -> FloatArray:
-    return overlaps(*(np.array([r["box_px"] for r in records], float).reshape(-1, 4) for records in (found, true)))
+    return overlaps(boxes_of(found, "found"), boxes_of(true, "true"))
 
 
 def _road_overlaps(found: Sequence[Record], true: Sequence[Record]) -> FloatArray:

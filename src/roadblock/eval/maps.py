@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.eval.accuracy import Reading, accuracy
-from roadblock.eval.match import Record, overlaps
+from roadblock.eval.match import Record, boxes_of, overlaps
 from roadblock.eval.plain import plain_record, share
 from roadblock.eval.true_road import TrueFrame, TrueThing, tolerance, true_frame
 from roadblock.values.checks import FloatArray
@@ -43,6 +43,11 @@ def judge_maps(found: Mapping[str, Record], truth: Iterable[TrueMap], offset_px:
     Returns
     -------
     `things`, their `readings`, `precision`, `free_space` and `ground`, plain values, None where unknown.
+
+    Raises
+    ------
+    ValueRefusedError
+        If an obstacle's box is none.
     """
     things: list[dict[str, Any]] = []
     claims: list[dict[str, Any]] = []
@@ -72,10 +77,6 @@ def judge_maps(found: Mapping[str, Record], truth: Iterable[TrueMap], offset_px:
     }
 
 
-def _boxes(obstacles: Sequence[Record]) -> FloatArray:
-    return np.array([o["box_px"] for o in obstacles], float).reshape(-1, 4)
-
-
 def _common_px2(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return (n, m) areas that boxes (n, 4) and (m, 4) share."""
     low, high = np.maximum(a[:, None, :2], b[None, :, :2]), np.minimum(a[:, None, 2:], b[None, :, 2:])
@@ -89,12 +90,12 @@ def _areas_px2(boxes: FloatArray) -> FloatArray:
 def _covers(obstacles: Sequence[Record], things: Sequence[TrueThing]) -> NDArray[np.bool_]:
     """Return (n, m) whether an obstacle covers at least half of a thing's box."""
     boxes = np.array([t.box_px for t in things], float).reshape(-1, 4)
-    return np.asarray(_common_px2(_boxes(obstacles), boxes) >= 0.5 * _areas_px2(boxes))
+    return np.asarray(_common_px2(boxes_of(obstacles, "found"), boxes) >= 0.5 * _areas_px2(boxes))
 
 
 def count_duplicates(obstacles: Sequence[Record]) -> int:
     """Return how many obstacles lie on an earlier one: boxes overlap by more than half, ranges within 10 %."""
-    boxes, range_m = _boxes(obstacles), np.array([o["range_m"] for o in obstacles], float)
+    boxes, range_m = boxes_of(obstacles, "found"), np.array([o["range_m"] for o in obstacles], float)
     same = np.tril((overlaps(boxes, boxes) > 0.5) & (np.abs(range_m[:, None] - range_m) < 0.1 * range_m), -1)
     return int(same.any(1).sum())
 
@@ -107,7 +108,7 @@ def judge_things(obstacles: Sequence[Record], things: Sequence[TrueThing]) -> li
     """
     if not things:
         return []
-    boxes, true_boxes = _boxes(obstacles), np.array([t.box_px for t in things], float)
+    boxes, true_boxes = boxes_of(obstacles, "found"), np.array([t.box_px for t in things], float)
     range_m = np.array([o["range_m"] for o in obstacles], float)
     overlap, common, covers = overlaps(boxes, true_boxes), _common_px2(boxes, true_boxes), _covers(obstacles, things)
     rows = []

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from roadblock.eval.match import Record, overlaps
+from roadblock.eval.match import Record, boxes_of, overlaps
 from roadblock.eval.plain import plain_record, share
 from roadblock.eval.things import Judged, counts
 from roadblock.eval.tracks import SeenFrame
@@ -34,10 +34,8 @@ THREAT_S, CORRIDOR_M = 6.0, 1.5
 def seen_frame(found: Sequence[Record], true: Sequence[Record]) -> SeenFrame:
     """Return a frame for the judges of tracks: how far the boxes of tracks and of things that count overlap."""
     tracks = [o for o in found if o.get("id") is not None]
-    boxes = np.array([o["box_px"] for o in tracks], float).reshape(-1, 4)
-    all_true = np.array([t["box_px"] for t in true], float).reshape(-1, 4)
     is_judged = np.array([counts(t) for t in true], bool)
-    similarity = overlaps(all_true, boxes)
+    similarity = overlaps(boxes_of(true, "true"), boxes_of(tracks, "found"))
     best = similarity[is_judged].max(0, initial=0)
     known = (best > TOUCHES) & (best >= similarity[~is_judged].max(0, initial=0))
     return SeenFrame(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from roadblock.viz.page import INK_HEX, STYLE, details, library, look, svg, write_html
-from roadblock.viz.report import DETECTOR_HEX
+from roadblock.viz.report import DETECTOR_HEX, LINEAR_M
 
 Record = Mapping[str, Any]
 WHAT = "drawing the evaluation's page"
@@ -28,7 +28,7 @@ def draw_errors(readings: Sequence[Record]) -> str:
         figure = matplotlib.figure.Figure(figsize=(9, 3.4))
         axes = figure.subplots()
         axes.axhline(0, color=INK_HEX, linewidth=0.8)
-        axes.set_yscale("symlog", linthresh=0.5)
+        axes.set_yscale("symlog", linthresh=LINEAR_M)
         for k, kind in enumerate(sorted({r["type"] for r in readings})):
             mine = [r for r in readings if r["type"] == kind]
             color = DETECTOR_HEX[k % len(DETECTOR_HEX)]
@@ -38,7 +38,9 @@ def draw_errors(readings: Sequence[Record]) -> str:
             axes.plot(
                 missed, [0.02] * len(missed), "x", color=color, markersize=4, transform=axes.get_xaxis_transform()
             )
-        axes.set(xlabel="true range (m)", ylabel="measured minus true (m)")
+        errors = [abs(r["range_m"] - r["true_range_m"]) for r in readings if r["range_m"] is not None]
+        reach_m = 2 * max([0.5, *errors])
+        axes.set(xlabel="true range (m)", ylabel="measured minus true (m)", ylim=(-reach_m, reach_m))
         axes.yaxis.set_major_formatter(lambda error_m, _: f"{error_m:+g}" if error_m else "0")
         axes.grid(axis="y", alpha=0.25, color=INK_HEX, linewidth=0.6)
         axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=6, frameon=False)
@@ -57,14 +59,13 @@ def draw_bands(curves: Mapping[str, Sequence[Record]]) -> str:
     with matplotlib.rc_context(look()):
         figure = matplotlib.figure.Figure(figsize=(9, 2.6))
         axes = figure.subplots()
-        for (name, rows), color in zip(curves.items(), DETECTOR_HEX, strict=False):
+        for k, ((name, rows), color) in enumerate(zip(curves.items(), DETECTOR_HEX, strict=False), 1):
             known = [row for row in rows if row["share"] is not None]
             for row in known:
                 axes.plot([row["from_m"], row["to_m"]], [row["share"]] * 2, color=color, linewidth=2.5)
-                middle = (row["from_m"] + row["to_m"]) / 2
-                axes.annotate(
-                    str(row["n"]), (middle, row["share"]), (0, 3), textcoords="offset points", fontsize="small"
-                )
+                at = row["from_m"] + k / (len(curves) + 1) * (row["to_m"] - row["from_m"])
+                words = {"textcoords": "offset points", "fontsize": "small", "color": color, "ha": "center"}
+                axes.annotate(str(row["n"]), (at, row["share"]), (0, 3), **words)
             axes.plot([], [], color=color, linewidth=2.5, label=name)
         axes.set(xlabel="range (m)", ylabel="share", ylim=(-0.03, 1.1))
         axes.grid(axis="y", alpha=0.25, color=INK_HEX, linewidth=0.6)
@@ -130,7 +131,7 @@ def _things(things: Record | None) -> str:
     }
     text = "<h2>Named things</h2>" + _figure(draw_errors(things["readings"])) + _figure(draw_bands(curves))
     text += '<p class="soft">Numbers are counts. A cross is a thing that was missed.</p>'
-    if things["confusion"]["counts"]:
+    if things["confusion"]["right"] is not None:
         text += "<h3>What they were called</h3>" + _figure(draw_confusion(things["confusion"]))
     for head, key in (
         ("Recall and range errors", "recall"),
