@@ -69,9 +69,9 @@ def report(result: Mapping[str, Any]) -> None:
     """Print the tables that say most; the rest is in the files."""
     counted = result["frames"]
     if counted["missing"]:
-        note(f"{frames(counted['missing'])} of {counted['judged']} have no results, and count as empty")
+        note(f"without results, so counted as empty: {frames(counted['missing'])} of {counted['judged']}")
     if counted["without_truth"]:
-        note(f"{frames(counted['without_truth'])} of the results have no truth, and were not judged")
+        note(f"without truth, so not judged: {frames(counted['without_truth'])} of the results")
     for section, show in (("things", _show_things), ("tracks", _show_tracks), ("maps", _show_maps)):
         if result[section] is not None:
             show(result[section])

@@ -13,7 +13,7 @@ from roadblock.eval.motion import seen_frame, ttc_rows, velocity_rows, warning_r
 from roadblock.eval.plain import plain_record
 from roadblock.eval.things import Judged, confusion, judge_frame, precision_rows, reading, recall_rows, size_rows
 from roadblock.eval.tracks import judge_tracks
-from roadblock.values.truth import TrueMap
+from roadblock.values.true_map import TrueMap
 
 
 def evaluate(

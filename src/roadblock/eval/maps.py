@@ -18,7 +18,7 @@ from roadblock.eval.match import Record, boxes_of, overlaps
 from roadblock.eval.plain import plain_record, share
 from roadblock.eval.true_road import TrueFrame, TrueThing, tolerance, true_frame
 from roadblock.values.checks import FloatArray
-from roadblock.values.truth import TrueMap
+from roadblock.values.true_map import TrueMap
 
 THING_BANDS_M = ((0, 20), (20, 35), (35, 50), (0, 50))
 PRECISION_BANDS_M = ((0, 10), (10, 20), (20, 30), (30, 40), (0, 40))

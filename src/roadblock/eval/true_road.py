@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from roadblock.values.checks import FloatArray
 from roadblock.values.scene import NEAREST_FACE_PERCENT
-from roadblock.values.truth import TrueMap
+from roadblock.values.true_map import TrueMap
 
 DRAWS = 600
 PLANE_TO_M = 25.0

@@ -20,7 +20,7 @@ from roadblock.io.rig import read_rig
 from roadblock.io.schema import Box, Record, Triple
 from roadblock.io.sources.text import read_lines
 from roadblock.values.scene import NEAREST_FACE_PERCENT
-from roadblock.values.truth import TrueMap
+from roadblock.values.true_map import TrueMap
 
 TRUTH, SCHEMA = "truth.jsonl", 1
 MAPS = (("disp_occ_0", "obj_map"), ("disparity", "ids"))

@@ -4,7 +4,7 @@ import pytest
 from roadblock.errors import ValueRefusedError
 from roadblock.eval.evaluate import evaluate
 from roadblock.eval.plain import plain_record, share
-from roadblock.values.truth import TrueMap
+from roadblock.values.true_map import TrueMap
 
 
 def frame(name, number=None):

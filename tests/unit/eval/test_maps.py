@@ -1,8 +1,6 @@
 """Judging against true depths: a made frame by hand, and the outside scorer on real frames."""
 
 import importlib.util
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +8,8 @@ import pytest
 from roadblock.errors import ValueRefusedError
 from roadblock.eval.maps import count_duplicates, judge_claim, judge_free_space, judge_maps, judge_things
 from roadblock.eval.true_road import TrueThing, fit_road, true_frame
-from roadblock.values.truth import TrueMap
+from roadblock.io.truth import read_truth
+from roadblock.values.true_map import TrueMap
 
 F, CX, CY, B = 400.0, 203.0, 77.0, 0.5
 H, W = 180, 400
@@ -154,22 +153,18 @@ def test_maps_are_checked():
         TrueMap("a", np.zeros((2, 3), np.float32), np.zeros((2, 3), np.uint16), 1.0, 0.0, 0.0, 0.0)
 
 
-DATA = Path(os.environ.get("ROADBLOCK_DATA", Path(__file__).parents[4] / "shared" / "data")) / "kitti2015"
-SCORER = DATA.parents[1] / "tools" / "score_kitti2015.py"
-
-
-@pytest.mark.skipif(not SCORER.is_file(), reason="needs ../shared/data/kitti2015 and ../shared/tools")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # it leaves files open
-def test_as_the_outside_scorer(tmp_path):
+def test_as_the_outside_scorer(tmp_path, data_dir):
     """Three real frames with made-up obstacles: every figure that both have agrees."""
-    from roadblock.io.truth import read_truth
-
+    data, scorer_file = data_dir / "kitti2015", data_dir.parent / "tools" / "score_kitti2015.py"
+    if not data.is_dir() or not scorer_file.is_file():
+        pytest.skip(f"no recording at {data}, or no {scorer_file}")
     names, offset_px = ["000010", "000028", "000083"], -0.4
     for folder in ("disp_occ_0", "obj_map", "image_02"):
         (tmp_path / folder).mkdir()
         for name in names:
-            (tmp_path / folder / f"{name}.png").symlink_to(DATA / folder / f"{name}.png")
-    (tmp_path / "calib.txt").symlink_to(DATA / "calib.txt")
+            (tmp_path / folder / f"{name}.png").symlink_to(data / folder / f"{name}.png")
+    (tmp_path / "calib.txt").symlink_to(data / "calib.txt")
     read = read_truth(tmp_path)
     assert read.maps is not None
     frames = {}
@@ -186,7 +181,7 @@ def test_as_the_outside_scorer(tmp_path):
         free = {"u_px": true.columns.tolist(), "range_m": [None if np.isnan(r) else float(r) for r in first]}
         ground = {"height_m": 1.6, "pitch_rad": 0.01, "roll_rad": 0.0}
         frames[shown.name] = {"obstacles": obstacles, "free_space": free, "ground": ground}
-    spec = importlib.util.spec_from_file_location("scorer", SCORER)
+    spec = importlib.util.spec_from_file_location("scorer", scorer_file)
     assert spec is not None
     assert spec.loader is not None
     scorer = importlib.util.module_from_spec(spec)

@@ -40,7 +40,9 @@ class TrueMap:
 
     def __post_init__(self) -> None:
         if self.d_px.ndim != 2 or self.d_px.shape != self.ids.shape:
-            raise ValueRefusedError(f"the maps must have one size, but are {self.d_px.shape} and {self.ids.shape}")
+            raise ValueRefusedError(
+                f"the true maps of {self.name} must have one size, but are {self.d_px.shape} and {self.ids.shape}"
+            )
         for name in ("d_px", "ids"):
             object.__setattr__(self, name, locked(getattr(self, name)))
         for name in ("f_px", "baseline_m"):
