@@ -57,6 +57,8 @@ def test_a_drive_is_judged_by_all_that_is_known_of_it(drive: Path, roadblock, mo
     monkeypatch.setattr(command, "write_evaluation_page", missing)
     lines = (drive / "truth.jsonl").read_text().splitlines()
     (drive / "truth.jsonl").write_text("\n".join([lines[0], lines[1].replace("000001", "000009")]) + "\n")
+    found = Path("found/obstacles.jsonl")
+    found.write_text(found.read_text().replace('"class":"unknown"', '"class":"person"'))
     for folder in ("disparity", "ids"):
         (drive / folder).rename(f"not_{folder}")
     ran = roadblock("evaluate", "found/obstacles.jsonl", "--truth", drive, "--out", "again")
@@ -66,4 +68,5 @@ def test_a_drive_is_judged_by_all_that_is_known_of_it(drive: Path, roadblock, mo
         "without truth, so not judged: 2 frames of the results",
         "drawing needs an optional library that is not installed; install it with: pip install 'roadblock[report]'",
     ]
+    assert "called: 0." in ran.out
     assert json.loads(Path("again/evaluation.json").read_text())["maps"] is None
