@@ -59,10 +59,7 @@ def _kitti_candidates(
 ) -> Candidates:
     found, true, doubts = frame
     least_px, occluded, truncated = LEVELS[level]
-    is_small = np.array([o["box_px"][3] - o["box_px"][1] < least_px for o in found], bool)
-    # As in KITTI's program, small boxes of other classes stay: they count neither way.
-    kept = [(o, s) for o, s in zip(found, is_small, strict=True) if s or name in (ANY, class_of(o.get("class")))]
-    mine = [o for o, _ in kept]
+    mine = [o for o in found if name in (ANY, class_of(o.get("class")))]
     things = [t for t in true if name == ANY or t["type"] in (name, ALIKE.get(name))]
     is_optional = [
         name not in (ANY, t["type"])
@@ -74,7 +71,7 @@ def _kitti_candidates(
     return Candidates(
         np.array([surety(o) for o in mine], float),
         overlap(mine, things),
-        np.array([s for _, s in kept], bool),
+        np.array([o["box_px"][3] - o["box_px"][1] < least_px for o in mine], bool),
         np.array(is_optional, bool),
         np.array([max((share_inside(o["box_px"], box) for box in doubts), default=0.0) for o in mine], float),
     )

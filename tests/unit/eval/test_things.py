@@ -138,6 +138,17 @@ def test_kitti_levels_and_likes():
     assert row_of(rows, **{"class": "any"}, level="hard")["ap_2d"] == pytest.approx(26 / 40)
 
 
+def test_small_boxes_of_either_side_count_neither_way():
+    """24 px are too few for every level, 39 px for easy."""
+    true = [thing("car", 0, 9.0), thing("car", 100, 15.0, box_px=[100, 100, 140, 124])]
+    obstacles = [found(0, 9.0, "car"), found(300, 9.0, "car", box_px=[300, 100, 340, 124], class_probability=0.9)]
+    rows = kitti_rows([(obstacles, true, [])])
+    assert [row["ap_2d"] for row in rows if row["class"] == "car"] == [1, 1, 1]
+    lower = [o | {"box_px": [o["box_px"][0], 100, o["box_px"][0] + 40, 139]} for o in obstacles[:1]]
+    rows = kitti_rows([(lower, true, [])])
+    assert [row["ap_2d"] for row in rows if row["class"] == "car"] == [0, 1, 1]
+
+
 def test_kitti_from_above():
     """Boxes of 2 x 4 m: the same place overlaps wholly, 1 m nearer by 6 of 10 (too little for a car)."""
     true = [thing("car", 0, 9.0), thing("car", 100, 15.0), thing("car", 200, 15.0, yaw_rad=None)]
