@@ -14,7 +14,7 @@ PROMISED = {
 }  # fmt: skip
 SECTIONS = {
     "things": {"recall", "precision", "confusion", "sizes", "kitti_ap", "distance_ap", "readings"},
-    "tracks": {"scores", "velocity", "ttc", "warnings"},
+    "tracks": {"scores", "scores_place", "velocity", "ttc", "warnings"},
     "maps": {
         "frames", "duplicates", "merging_obstacles", "things", "readings", "precision", "free_space", "ground",
     },
@@ -59,6 +59,9 @@ def test_a_drive_is_judged_by_all_that_is_known_of_it(drive: Path, roadblock, mo
     (drive / "truth.jsonl").write_text("\n".join([lines[0], lines[1].replace("000001", "000009")]) + "\n")
     found = Path("found/obstacles.jsonl")
     found.write_text(found.read_text().replace('"class":"unknown"', '"class":"person"'))
+    turned = (drive / "rig.yaml").read_text().replace("fy_px: 387", "fy_px: 388")
+    assert turned.count("388") == 2
+    (drive / "rig.yaml").write_text(turned)
     for folder in ("disparity", "ids"):
         (drive / folder).rename(f"not_{folder}")
     ran = roadblock("evaluate", "found/obstacles.jsonl", "--truth", drive, "--out", "again")
@@ -66,6 +69,8 @@ def test_a_drive_is_judged_by_all_that_is_known_of_it(drive: Path, roadblock, mo
     assert [line.removeprefix("note: ") for line in ran.err.splitlines()] == [
         "without results, so counted as empty: 1 frame of 2",
         "without truth, so not judged: 2 frames of the results",
+        "the drive's images are not rectified: true boxes are in the raw left image, found ones in the rectified one, "
+        "so that they overlap less than they should",
         "drawing needs an optional library that is not installed; install it with: pip install 'roadblock[report]'",
     ]
     assert "called: 0." in ran.out

@@ -55,6 +55,8 @@ def evaluate_command(
     if out is not None:
         write_run(out / RESULT, result)
     report(result)
+    for warning in known.warnings:
+        note(warning)
     if out is not None:
         say(f"results: {out / RESULT}")
         try:
@@ -101,8 +103,9 @@ def _show_things(things: Mapping[str, Any]) -> None:
 
 
 def _show_tracks(tracks: Mapping[str, Any]) -> None:
-    columns = {"hota": ">HOTA", "deta": ">DetA", "assa": ">AssA", "mota": ">MOTA", "idf1": ">IDF1"}
-    _show("tracks", [tracks["scores"]], {**columns, "switches": ">switches"})
+    columns = {"by": "alike by", "hota": ">HOTA", "deta": ">DetA", "assa": ">AssA", "mota": ">MOTA", "idf1": ">IDF1"}
+    scores = [{"by": "box", **tracks["scores"]}, {"by": "place", **tracks["scores_place"]}]
+    _show("tracks", scores, {**columns, "switches": ">switches"})
     velocity = {"motion": "it is", "": ">at (m)", "n": ">n", "rms_mps": ">RMS (m/s)", "median_mps": ">median"}
     _show("velocity over ground", tracks["velocity"], {**velocity, "told_right": ">told right"})
     ttc = [{**row, "from_m": row["from_s"], "to_m": row["to_s"]} for row in tracks["ttc"]]

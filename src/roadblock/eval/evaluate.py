@@ -97,9 +97,13 @@ def _tracks(pairs: Sequence[tuple[Record, Record]], judged: Sequence[Judged]) ->
     has_ids = all("id" in t for _, frame in pairs for t in frame["objects"])
     if not has_ids or all(o.get("id") is None for frame, _ in pairs for o in frame["obstacles"]):
         return None
-    scores = judge_tracks([seen_frame(f["obstacles"], t["objects"]) for f, t in pairs])
+    boxes, places = (
+        judge_tracks([seen_frame(f["obstacles"], t["objects"], by_place) for f, t in pairs])
+        for by_place in (False, True)
+    )
     return {
-        "scores": plain_record(asdict(scores)),
+        "scores": plain_record(asdict(boxes)),
+        "scores_place": plain_record(asdict(places)),
         "velocity": velocity_rows(judged),
         "ttc": ttc_rows(judged, [t.get("ego") for _, t in pairs]),
         "warnings": warning_record([f for f, _ in pairs], [t for _, t in pairs]),

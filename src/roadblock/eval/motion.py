@@ -19,6 +19,8 @@ from roadblock.values.checks import FloatArray
 
 TOUCHES = 0.1
 """A track whose box overlaps no thing by more follows something without a name, and is not judged."""
+UNLIKE_M = 2.0
+"""Places this far apart have nothing in common, as in TrackEval."""
 SETTLED_S = 1.0
 """Velocities and times to contact are judged from this age on."""
 STANDS_MPS, MOVES_MPS = 0.1, 0.5
@@ -31,13 +33,27 @@ THREAT_S, CORRIDOR_M = 6.0, 1.5
 """A thing that comes level within this time, this near to the middle of the vehicle's way, is worth a warning."""
 
 
-def seen_frame(found: Sequence[Record], true: Sequence[Record]) -> SeenFrame:
-    """Return a frame for the judges of tracks: how far the boxes of tracks and of things that count overlap."""
+def seen_frame(found: Sequence[Record], true: Sequence[Record], by_place: bool = False) -> SeenFrame:
+    """Return a frame for the judges of tracks.
+
+    Parameters
+    ----------
+    found, true
+        Its obstacles and things; of these, tracks and things that count are judged.
+    by_place
+        They are alike by their places on the road, `1 - distance / 2 m`, instead of the overlap of their boxes.
+    """
     tracks = [o for o in found if o.get("id") is not None]
     is_judged = np.array([counts(t) for t in true], bool)
     similarity = overlaps(boxes_of(true, "true"), boxes_of(tracks, "found"))
     best = similarity[is_judged].max(0, initial=0)
     known = (best > TOUCHES) & (best >= similarity[~is_judged].max(0, initial=0))
+    if by_place:
+        places, true_places = (
+            np.array([r["position_m"][:2] for r in records], float).reshape(-1, 2) for records in (tracks, true)
+        )
+        apart_m = np.linalg.norm(true_places[:, None] - places[None], axis=-1)
+        similarity = np.maximum(0, 1 - apart_m / UNLIKE_M)
     return SeenFrame(
         np.array([t["id"] for t, judged in zip(true, is_judged, strict=True) if judged], np.int64),
         np.array([o["id"] for o, is_known in zip(tracks, known, strict=True) if is_known], np.int64),

@@ -22,7 +22,7 @@ from roadblock.io.sources.text import read_lines
 from roadblock.values.scene import NEAREST_FACE_PERCENT
 from roadblock.values.true_map import TrueMap
 
-TRUTH, SCHEMA = "truth.jsonl", 1
+TRUTH, RIG, SCHEMA = "truth.jsonl", "rig.yaml", 1
 MAPS = (("disp_occ_0", "obj_map"), ("disparity", "ids"))
 """Folders of disparities (256 steps a pixel, 0 = unknown) and of the things' numbers: KITTI 2015's, and ours."""
 STEPS_PER_PX = 256
@@ -82,12 +82,15 @@ class Truth:
         `velocity_mps`, labelled ones `occluded` and `truncated`.
     maps
         Returns the true maps frame by frame; None where there are none.
+    warnings
+        What should be known about it.
     """
 
     path: Path
     kind: str | None
     frames: tuple[dict[str, Any], ...]
     maps: Callable[[], Iterator[TrueMap]] | None
+    warnings: tuple[str, ...] = ()
 
 
 def read_truth(path: Path | str) -> Truth:
@@ -97,18 +100,29 @@ def read_truth(path: Path | str) -> Truth:
     ------
     SourceError
         If there is no truth, or it cannot be read.
+    RigError, ValueRefusedError
+        If the rig of a simulated drive cannot be read.
     """
     path = Path(path)
     file = path / TRUTH if path.is_dir() else path
     if file.is_file():
         frames = tuple(record | {"doubts": []} for record in read_records(file, TrueFrameRecord, SCHEMA, "truth"))
-        return Truth(path, "simulated", frames, _maps_of(path))
+        return Truth(path, "simulated", frames, _maps_of(path), _warnings(file.parent / RIG))
     labels, maps = path / "label_2", _maps_of(path)
     if not labels.is_dir() and maps is None:
         kinds = " or ".join(f"{disparity}/ with {ids}/" for disparity, ids in MAPS)
         raise SourceError(f"{path} holds no truth: expected {TRUTH}, label_2/, or maps ({kinds})")
     frames = tuple(_label_frame(path, file) for file in sorted(labels.glob("*.txt")))
     return Truth(path, "kitti labels" if labels.is_dir() else None, frames, maps)
+
+
+def _warnings(rig: Path) -> tuple[str, ...]:
+    if not rig.is_file() or read_rig(rig).is_rectified:
+        return ()
+    return (
+        "the drive's images are not rectified: true boxes are in the raw left image, found ones in the rectified one, "
+        "so that they overlap less than they should",
+    )
 
 
 def _maps_of(path: Path) -> Callable[[], Iterator[TrueMap]] | None:
@@ -139,10 +153,10 @@ def _image(path: Path) -> NDArray[Any]:
 
 def _twin(path: Path, name: str) -> tuple[float, float, float, float]:
     """Return focal length, centre and baseline of the rectified cameras of a frame."""
-    if (path / "rig.yaml").is_file():
-        rig = read_rig(path / "rig.yaml")
+    if (path / RIG).is_file():
+        rig = read_rig(path / RIG)
         if not rig.is_rectified:
-            raise RigError(f"{path / 'rig.yaml'} is not rectified, but true disparities are")
+            raise RigError(f"{path / RIG} is not rectified, but true disparities are")
         return rig.left.fx_px, rig.left.cx_px, rig.left.cy_px, rig.baseline_m
     left, right = _projections(path, name)
     return left[0, 0], left[0, 2], left[1, 2], (left[0, 3] - right[0, 3]) / left[0, 0]

@@ -147,7 +147,7 @@ def _things(things: Record | None) -> str:
 def _tracks(tracks: Record | None) -> str:
     if tracks is None:
         return ""
-    text = f"<h2>Over time</h2>{table([tracks['scores']])}"
+    text = f"<h2>Over time</h2>{table([{'by': 'box', **tracks['scores']}, {'by': 'place', **tracks['scores_place']}])}"
     for head, key in (("Velocities over ground", "velocity"), ("Times to contact", "ttc")):
         text += f"<h3>{head}</h3>{table(tracks[key])}"
     return f"{text}<h3>Warnings</h3>{table([tracks['warnings']])}"

@@ -32,6 +32,14 @@ def test_tracks_of_what_has_no_name_are_not_judged():
     assert seen_frame([], []).similarity.shape == (0, 0)
 
 
+def test_places_are_alike_up_to_two_metres():
+    """0.3 m ahead and 0.4 m aside of one; of what is 5 m off nothing is alike, though the boxes touch."""
+    true = [thing(1, 0), thing(2, 100)]
+    found = [track(7, 0, position_m=[10.3, 0.4, 0.0]), track(8, 100, position_m=[15.0, 0.0, 0.0])]
+    alike = seen_frame(found, true, by_place=True).similarity
+    np.testing.assert_allclose(alike, [[0.75, 0.0], [0.75, 0.0]])
+
+
 def test_velocities_by_hand():
     """Standing: off by 0.3 and 0.4 m/s with sigmas of 0.2; moving at 4 m/s: off by 1 m/s without sigma."""
     true = [thing(1, 0), thing(2, 100, (4.0, 0.0, 0.0), 30.0), thing(3, 200, (0.3, 0.0, 0.0)), thing(4, 300)]

@@ -128,7 +128,9 @@ def test_true_disparities_are_rectified(tmp_path):
     turned = np.eye(4)
     turned[0, 3] = 0.2
     write_rig(StereoRig(left, right, turned), tmp_path / "rig.yaml")
+    (tmp_path / "truth.jsonl").write_text('{"schema": 1, "name": "a", "t_ns": 0, "objects": []}\n')
     read = read_truth(tmp_path)
     assert read.maps is not None
+    assert "not rectified: true boxes are in the raw left image" in read.warnings[0]
     with pytest.raises(RigError, match=r"is not rectified, but true disparities are"):
         list(read.maps())

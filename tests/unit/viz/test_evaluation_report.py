@@ -40,7 +40,13 @@ def result(**sections):
 
 def test_the_page_shows_what_was_judged(tmp_path: Path) -> None:
     assert "<svg" not in page(result())
-    tracks = {"scores": {"hota": 0.5}, "velocity": [], "ttc": [], "warnings": {"false": None}}
+    tracks = {
+        "scores": {"hota": 0.5},
+        "scores_place": {"hota": 0.7},
+        "velocity": [],
+        "ttc": [],
+        "warnings": {"false": None},
+    }
     text = page(result(things=things(0.75), tracks=tracks, maps=maps({"n": 2})))
     assert text.count("<svg") == 5
     assert text.count("<h2>") == 4
