@@ -126,12 +126,12 @@ def main() -> None:
     rows.append(["all", "own speed: error rms; error^2 / variance; known", figure, ""])
     rows += judge("all, 30 % of the frames dropped", thinned)
     for scene, group in whole.items():
-        rows += judge(scene, group)
+        rows += judge(scene, group)[:6]  # scores alone
     for row in rows:
         print(*(f"{cell:62}" for cell in row))
     if not options.dry:
-        seeds = " ".join(map(str, options.seeds))
-        notes = f"Rendered drives of 3 s each, {', '.join(options.scenes)}, seeds {seeds}: {frames} frames."
+        seeds = ", ".join(map(str, options.seeds))
+        notes = f"Rendered drives of 3 s each, {', '.join(options.scenes)}; seed {seeds}; {frames} frames."
         save(
             "tracks", "python benchmarks/accuracy/tracks.py DRIVES", ["drive", "figure", "measured", "bar"], rows, notes
         )
