@@ -188,6 +188,17 @@ INFO = (
     "distortion_model: plumb_bob\n"
 )
 BOMB = "roadblock_rig: 1\na: &a [x, x]\nb: &b [*a, *a, *a]\nc: &c [*b, *b, *b]\n"
+FOUND = (
+    '{"schema": 1, "frame": 0, "name": "000000", "t_ns": 0, "obstacles": [{"id": null, "class": "unknown", '
+    '"class_probability": null, "color": null, "position_m": [5.0, 0.0, 0.0], "range_m": 5.0, "range_sigma_m": null, '
+    '"size_m": [1.0, 1.0, null], "box_px": [10, 10, 20, 20], "contour_px": [], "velocity_mps": null, "ttc_s": null}], '
+    '"free_space": {"u_px": [], "range_m": []}, "ground": null, "health": {"state": "ok", "reasons": []}, '
+    '"timings_ms": {}}\n'
+)
+found = put("found/obstacles.jsonl", FOUND)
+LABEL = "Car 0 0 0 1 1 9 9 1.5 1.6 4 0 1.6 9 0\n"
+COLOR_RIG = "P2: 9 0 9 0 0 9 9 0 0 0 1 0\nP3: 9 0 9 -4 0 9 9 0 0 0 1 0\n"
+AGAINST = "evaluate found --truth recording"
 KITTI_RIG = "P0: 129 0 80 0 0 129 45 0 0 0 1 0\nP1: 129 0 80 -26 0 129 45 0 0 0 1 0\n"
 as_kitti = both(move(LEFT, "recording/image_0"), move(RIGHT, "recording/image_1"), remove(RIG))
 
@@ -385,6 +396,62 @@ BAD: dict[str, tuple[Bad, ...]] = {
             both(edit(RIG, "lens: .*\n  distortion: .*", "lens: brown_conrady\n  distortion: [0.1, 0.2, 0, 0, 0.3]")),
             "rig convert recording/rig.yaml chain.yaml --to kalibr",
         ),
+    ),
+    "Evaluation": (
+        Bad("evaluate: nothing to judge by", found, "evaluate found"),
+        Bad("evaluate: no results", command="evaluate nowhere --truth recording"),
+        Bad("evaluate: results cut short", put("found/obstacles.jsonl", FOUND[:-9]), AGAINST),
+        Bad(
+            "evaluate: an obstacle's box inside out",
+            put("found/obstacles.jsonl", FOUND.replace("20, 20]", "20, 5]")),
+            AGAINST,
+        ),
+        Bad("evaluate: no truth", both(found, lambda: Path("empty").mkdir()), "evaluate found --truth empty"),
+        Bad(
+            "evaluate: truth of another recording",
+            both(found, edit("found/obstacles.jsonl", "000000", "elsewhere")),
+            AGAINST,
+        ),
+        Bad("evaluate: a thing without a box", both(found, edit("recording/truth.jsonl", "box_px", "box")), AGAINST),
+        Bad(
+            "evaluate: truth of another version", both(found, put("recording/truth.jsonl", '{"schema": 2}\n')), AGAINST
+        ),
+        Bad(
+            "evaluate: a label that is none",
+            both(found, put("k/label_2/000000.txt", LABEL.replace("Car", "Boat")), put("k/calib.txt", COLOR_RIG)),
+            "evaluate found --truth k",
+        ),
+        Bad(
+            "evaluate: labels without calibration",
+            both(found, put("k/label_2/000000.txt", LABEL)),
+            "evaluate found --truth k",
+        ),
+        Bad(
+            "evaluate: a calibration of one camera",
+            both(found, put("k/label_2/000000.txt", LABEL), put("k/calib.txt", "P2: 1 0 0 0 0 1 0 0 0 0 1 0\n")),
+            "evaluate found --truth k",
+        ),
+        Bad(
+            "evaluate: maps without pictures",
+            both(found, put("k/disp_occ_0/a.txt", ""), put("k/obj_map/a.txt", "")),
+            "evaluate found --truth k",
+        ),
+        Bad(
+            "evaluate: a true map that is no picture",
+            both(found, put("k/disp_occ_0/000000.png", "no"), put("k/obj_map/a.txt", "")),
+            "evaluate found --truth k",
+        ),
+        Bad(
+            "evaluate: two true maps of two sizes",
+            both(
+                found,
+                draw("k/disp_occ_0/000000.png", GRAY.astype(np.uint16)),
+                draw("k/obj_map/000000.png", GRAY[:9]),
+                put("k/calib.txt", COLOR_RIG),
+            ),
+            "evaluate found --truth k",
+        ),
+        Bad("evaluate: `--out` is a file", both(found, put("judged.txt", "")), f"{AGAINST} --out judged.txt"),
     ),
     "Calibration: what is asked for": (
         Bad("calibrate: no board", command="calibrate boards --square 25mm"),

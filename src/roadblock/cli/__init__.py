@@ -11,6 +11,7 @@ from roadblock.cli.calibrate import calibrate_command
 from roadblock.cli.demo import demo
 from roadblock.cli.detect import detect
 from roadblock.cli.doctor import doctor
+from roadblock.cli.evaluate import evaluate_command
 from roadblock.cli.experiment import experiment_app
 from roadblock.cli.mount import calibrate_mount
 from roadblock.cli.rig import rig_app
@@ -33,6 +34,7 @@ app.command()(simulate)
 app.command("simulate-calibration")(simulate_calibration)
 app.command("calibrate")(calibrate_command)
 app.command("calibrate-mount")(calibrate_mount)
+app.command("evaluate")(evaluate_command)
 app.command()(doctor)
 app.add_typer(experiment_app, name="experiment")
 rig_app.command("check")(check)

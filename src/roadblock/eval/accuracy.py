@@ -117,8 +117,8 @@ def read_drive(found: Sequence[Record], true: Sequence[Record], rules: MatchRule
     ValueRefusedError
         If the two are not about the same frames, a name comes twice, or a record is none (see `read_frame`).
     """
-    by_name = _by_name(found, "results")
-    true_by_name = _by_name(true, "truth")
+    by_name = frames_by_name(found, "results")
+    true_by_name = frames_by_name(true, "truth")
     odd = sorted(by_name.keys() ^ true_by_name.keys())
     if odd:
         where = "results but not in the truth" if odd[0] in by_name else "truth but not in the results"
@@ -130,7 +130,14 @@ def read_drive(found: Sequence[Record], true: Sequence[Record], rules: MatchRule
     ]
 
 
-def _by_name(frames: Sequence[Record], what: str) -> dict[str, Record]:
+def frames_by_name(frames: Sequence[Record], what: str) -> dict[str, Record]:
+    """Return frames by their names; `what` they are, "results" or "truth", for messages.
+
+    Raises
+    ------
+    ValueRefusedError
+        If a frame has no name, or none of its content, or a name comes twice.
+    """
     content = "obstacles" if what == "results" else "objects"
     for index, frame in enumerate(frames):
         if "name" not in frame or content not in frame:

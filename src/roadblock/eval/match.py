@@ -73,7 +73,7 @@ def pair_up(found: Sequence[Record], true: Sequence[Record], rules: MatchRules =
     pairs: list[int | None] = [None] * len(true)
     if not found or not true:
         return pairs
-    boxes, boxes_true = _boxes(found, "found"), _boxes(true, "true")
+    boxes, boxes_true = boxes_of(found, "found"), boxes_of(true, "true")
     range_m, range_true_m = ranges(found, "found"), ranges(true, "true")
     overlap = overlaps(boxes_true, boxes)
     apart = np.abs(range_m - range_true_m[:, None]) / (rules.largest_share * range_true_m[:, None])
@@ -110,7 +110,14 @@ def ranges(records: Sequence[Record], what: str) -> FloatArray:
     return np.array(values, float)
 
 
-def _boxes(records: Sequence[Record], what: str) -> FloatArray:
+def boxes_of(records: Sequence[Record], what: str) -> FloatArray:
+    """Return (n, 4) `box_px` of records; `what` they are, "found" or "true", for messages.
+
+    Raises
+    ------
+    ValueRefusedError
+        If one is missing or no box.
+    """
     boxes = [
         finite(f"box_px of {what} obstacle {i}", _field(r, "box_px", what, i), (4,)) for i, r in enumerate(records)
     ]
@@ -119,7 +126,7 @@ def _boxes(records: Sequence[Record], what: str) -> FloatArray:
             raise ValueRefusedError(
                 f"box_px of {what} obstacle {i} must be u0 < u1, v0 < v1, but got {boxes[i].tolist()}"
             )
-    return np.array(boxes)
+    return np.array(boxes, float).reshape(-1, 4)
 
 
 def _field(record: Record, name: str, what: str, index: int) -> Any:

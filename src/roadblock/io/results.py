@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Any, Protocol, Self
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
 
 import roadblock
@@ -161,34 +161,53 @@ def read_results(path: Path) -> list[dict[str, Any]]:
     SourceError
         If the file cannot be read, its last line is cut off, or a line is no record of this schema version.
     """
+    return read_records(path, FrameRecord, SCHEMA, "results")
+
+
+def read_records(path: Path, model: type[BaseModel], schema: int, what: str) -> list[dict[str, Any]]:
+    """Return the records of a file of JSON lines that roadblock wrote.
+
+    Parameters
+    ----------
+    path
+        The file.
+    model, schema
+        What each line must be, and its version.
+    what
+        What the file holds, in words.
+
+    Raises
+    ------
+    SourceError
+        If the file cannot be read, its last line is cut off, or a line is no record of this schema version.
+    """
     try:
         data = Path(path).read_bytes()
     except OSError as error:
-        raise SourceError(f"cannot read results {path}: {error.strerror or error}") from error
+        raise SourceError(f"cannot read {what} {path}: {error.strerror or error}") from error
     *lines, rest = data.split(b"\n")
     if rest:
         raise SourceError(
             f"{path}: the last line ({len(lines) + 1}) is cut off: the run was broken while writing; "
             "delete that line or run again"
         )
-    return [_parse_line(path, number, line) for number, line in enumerate(lines, start=1)]
+    return [_parse_line(f"{path}, line {number}", line, model, schema) for number, line in enumerate(lines, start=1)]
 
 
-def _parse_line(path: Path, line_number: int, line: bytes) -> dict[str, Any]:
-    where = f"{path}, line {line_number}"
+def _parse_line(where: str, line: bytes, model: type[BaseModel], schema: int) -> dict[str, Any]:
     try:
         record = from_json(line, allow_inf_nan=False)
     except ValueError as error:
         raise SourceError(f"{where}: no JSON object as roadblock writes it ({error})") from error
     if not isinstance(record, dict):
         raise SourceError(f"{where}: expected one JSON object per line, but got {str(record)[:40]!r}")
-    if record.get("schema") != SCHEMA:
+    if record.get("schema") != schema:
         raise SourceError(
-            f"{where}: schema is {record.get('schema')!r:.40}, but this version of roadblock reads {SCHEMA}; "
+            f"{where}: schema is {record.get('schema')!r:.40}, but this version of roadblock reads {schema}; "
             "read it with the version that wrote it (see run.json)"
         )
     try:
-        FrameRecord.model_validate(record)
+        model.model_validate(record)
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(map(str, first["loc"]))
