@@ -20,7 +20,7 @@ from roadblock.values.frame import RectifiedPair, StereoPair
 from roadblock.values.scene import FrameResult, Obstacle
 
 HALF = Camera((640, 360), 516.5, 516.5, 325.9, 173.55)
-STAGES = ["rectify", "match", "ground", "segment", "refine", "triangulate", "egomotion", "track", "total"]
+STAGES = ["rectify", "match", "ground", "segment", "refine", "triangulate", "egomotion", "fuse", "track", "total"]
 
 
 def half_rig(baseline_m: float = 0.205) -> StereoRig:

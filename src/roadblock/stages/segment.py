@@ -29,6 +29,8 @@ NEAREST_SHARE = 0.15
 """Free space ends at this share of the cells that stand together: the very nearest may be stray ones."""
 CLOSE_SHARE = 0.9
 """A hole that begins beyond this share of the range lies right before what ends free space, and shortens it."""
+FREE_PX = 3.5
+"""No road is known to be free where disparities are smaller than this."""
 STIXEL_CELLS = 2
 """Smaller ones are specks."""
 MOST_REGIONS = 1000
@@ -136,10 +138,11 @@ def find_free_space(surface: Surface, ground: GroundPlane | None, settings: Segm
     kernels.measure_free(disparity.d_px, surface.height_m, fb, heights, support, aside, NEAREST_SHARE, range_m, blocked)
     hole = np.empty(columns)
     kernels.find_holes(surface.height_m, _road_ranges(surface, ground), h, settings.free_gap_m * r.f_px, hole)
-    # A hole was made narrower by what is seen beside it.
-    beside = minimum_filter1d(hole, 2 * BESIDE + 1, mode="nearest")
-    blocked &= beside >= range_m
-    range_m = np.where(beside < CLOSE_SHARE * range_m, np.nan, np.minimum(beside, range_m))
+    # A hole was made narrower by what is seen beside it, and its edges lie within cells.
+    beside = minimum_filter1d(hole, 2 * BESIDE + 3, mode="nearest")
+    end_m = np.minimum(beside, fb / FREE_PX)
+    blocked &= end_m >= range_m
+    range_m = np.where(beside < CLOSE_SHARE * range_m, np.nan, np.minimum(end_m, range_m))
     return FreeSpace(u_px, range_m, blocked, _find_edges(surface, ground, range_m, settings))
 
 
