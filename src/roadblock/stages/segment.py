@@ -219,7 +219,7 @@ def find_regions(
     kept = np.empty(found, bool)
     kernels.drop_hidden(boxes[order], (np.diff(bounds[: found + 1]) * w * h)[order], kept)
     order, through = order[kept], np.empty(np.count_nonzero(kept), bool)
-    kernels.find_through(cells, bounds, order, columns, through)
+    kernels.find_through(cells, bounds[: found + 1], order, columns, through)
     return _describe(surface, colors, cells, bounds[: found + 1], boxes, order, through, settings.locking_px)
 
 
