@@ -10,7 +10,7 @@ from roadblock.detectors import make_detector
 from roadblock.errors import SourceError
 from roadblock.stages.egomotion import Odometer
 from roadblock.stages.health import judge, looks_swapped
-from roadblock.stages.recognize import name_colors
+from roadblock.stages.recognize import make_recognizer, weigh_motion
 from roadblock.stages.rectify import plan_rectification, rectify
 from roadblock.stages.refine import refine
 from roadblock.stages.track import Tracker
@@ -43,6 +43,7 @@ class Pipeline:
         self.settings = settings or Settings()
         self.rectification = plan_rectification(rig, self.settings.rectify)
         self.detect = make_detector(self.settings)
+        self._recognize = make_recognizer(self.settings.recognize, rig.T_vehicle_car)
         self._measure_ego = Odometer(self.rectification, self.settings.egomotion)
         self._tracker = Tracker(self.rectification, rig.T_vehicle_car, self.settings.track)
 
@@ -68,9 +69,12 @@ class Pipeline:
             matches = not math.isnan(found.matched_share)
             regions = refine(rectified, found.regions, self.settings.refine) if matches else found.regions
         with _timed(timings_ms, "triangulate"):
-            colors = name_colors([region.color_rgb for region in regions])
-            located = locate_all(regions, self.rectification, found.ground, colors, self.rig.T_vehicle_car)
+            located = locate_all(
+                regions, self.rectification, found.ground, [None] * len(regions), self.rig.T_vehicle_car
+            )
             obstacles = add_calibration_error(located, self.rectification, self.rig)
+        with _timed(timings_ms, "recognize"):
+            obstacles = self._recognize(rectified, found, regions, obstacles)
         health = judge(found, self.settings.health)
         if health.state != "ok" and looks_swapped(rectified):
             raise SourceError(f"frame {pair.name}: the left and right images look swapped: exchange them")
@@ -80,6 +84,7 @@ class Pipeline:
                 ego = self._measure_ego(rectified)
             with _timed(timings_ms, "track"):
                 obstacles = self._tracker.update(obstacles, pair.t_ns, ego, found.free_space)
+                obstacles = weigh_motion(obstacles, self.settings.recognize.least_probability)
         timings_ms["total"] = sum(timings_ms.values())
         result = FrameResult(
             pair.index,
