@@ -9,6 +9,7 @@ from roadblock.kernels.reference.recognize import (
     BACKGROUND,
     BESIDE_PX,
     BODY_SHARE,
+    CELLS,
     CELLS_HIGH,
     CELLS_WIDE,
     COLUMNS,
@@ -24,9 +25,9 @@ from roadblock.kernels.reference.recognize import (
     HUES,
     LAYERS,
     LOOKS,
-    NEAR_SHARE,
     OWN,
     PATCH_STEP,
+    PITCH_CELLS,
     POINTS,
     REACH_PX,
     ROAD_L,
@@ -34,6 +35,7 @@ from roadblock.kernels.reference.recognize import (
     ROWS,
     SEEN_THROUGH,
     SIDES,
+    STRAY_FROM,
     TOGETHER_M,
     TOGETHER_SHARE,
     TOUCH_PX,
@@ -77,11 +79,13 @@ def solve3(A: Floats, y: Floats) -> Floats:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def measure_shape(uvd: Floats, xzh: Floats, twin: Floats, size_px: Floats, scratch: Floats, out: Floats) -> None:
+def measure_shape(
+    uvd: Floats, xzh: Floats, count: int, twin: Floats, size_px: Floats, scratch: Floats, out: Floats
+) -> None:
     """See `reference.recognize.measure_shape`."""
     f, fb = twin[0], twin[0] * twin[3]
-    n = len(uvd)
-    pitch = pitch_of(uvd)
+    n = len(xzh)
+    pitch = pitch_of(uvd[:PITCH_CELLS])
     for i in range(n):
         scratch[i] = xzh[i, 1]
     near = quantile_of(scratch[:n], 0.1)
@@ -92,8 +96,8 @@ def measure_shape(uvd: Floats, xzh: Floats, twin: Floats, size_px: Floats, scrat
     low = quantile_of(scratch[:n], 0.05)
     u0, u1, v0, v1 = np.inf, -np.inf, np.inf, -np.inf
     for i in range(n):
-        u0, u1 = min(u0, uvd[i, 0]), max(u1, uvd[i, 0])
-        v0, v1 = min(v0, uvd[i, 1]), max(v1, uvd[i, 1])
+        u0, u1 = min(u0, xzh[i, 3]), max(u1, xzh[i, 3])
+        v0, v1 = min(v0, xzh[i, 4]), max(v1, xzh[i, 4])
     u0, u1, v0, v1 = u0 - pitch / 2, u1 + pitch / 2, v0 - 2.0, v1 + 2.0
     tall = max(top, 0.05)
     width = (u1 - u0) / f * near
@@ -102,40 +106,40 @@ def measure_shape(uvd: Floats, xzh: Floats, twin: Floats, size_px: Floats, scrat
     cu, cv = (u0 + u1) / 2, (v0 + v1) / 2
     row = np.empty(3)
     for i in range(n):
-        row[0], row[1], row[2] = 1.0, (uvd[i, 0] - cu) / (u1 - u0), (uvd[i, 1] - cv) / (v1 - v0)
+        row[0], row[1], row[2] = 1.0, (xzh[i, 3] - cu) / (u1 - u0), (xzh[i, 4] - cv) / (v1 - v0)
         for a in range(3):
-            y[a] += row[a] * uvd[i, 2]
+            y[a] += row[a] * xzh[i, 5]
             for b in range(3):
                 A[a, b] += row[a] * row[b]
     plane = solve3(A, y)
     rms, flat = 0.0, 0.0
     for i in range(n):
-        off = uvd[i, 2] - plane[0] - plane[1] * (uvd[i, 0] - cu) / (u1 - u0) - plane[2] * (uvd[i, 1] - cv) / (v1 - v0)
+        off = xzh[i, 5] - plane[0] - plane[1] * (xzh[i, 3] - cu) / (u1 - u0) - plane[2] * (xzh[i, 4] - cv) / (v1 - v0)
         rms += off * off
         flat += abs(xzh[i, 1] - near) < 0.3
     rms = np.sqrt(rms / n)
     per_px = near * near / fb
     out[0], out[1], out[2], out[3] = np.log(near), np.log(width), np.log(tall), low
     out[4], out[5] = np.log(far - near + 0.1), np.log(per_px)
-    out[6], out[7] = np.log(width / tall), n * pitch * 4.0 / ((u1 - u0) * (v1 - v0))
+    out[6], out[7] = np.log(width / tall), count * pitch * 4.0 / ((u1 - u0) * (v1 - v0))
     out[8], out[9] = np.log(rms + 0.02), np.log(rms * per_px + 0.02)
     out[10] = min(abs(plane[1]) * per_px / max(width, 0.1), 4.0)
     out[11] = min(max(plane[2] * per_px / tall, -4.0), 4.0)
     out[12] = flat / n
     out[13] = (u0 < 6) * 1.0 + (u1 > size_px[0] - 6)
     out[14] = (v0 < 6) * 1.0
-    out[15] = np.log(n)
+    out[15] = np.log(count)
     # How high it is over its columns, and how wide in its layers.
     k = 16
     tops, counts = np.zeros(COLUMNS), np.zeros(COLUMNS)
     layers, left, right = np.zeros(LAYERS), np.full(LAYERS, np.inf), np.full(LAYERS, -np.inf)
     for i in range(n):
-        c = min(int((uvd[i, 0] - u0) / (u1 - u0) * COLUMNS), COLUMNS - 1)
+        c = min(int((xzh[i, 3] - u0) / (u1 - u0) * COLUMNS), COLUMNS - 1)
         tops[c] = max(tops[c], xzh[i, 2])
         counts[c] += 1
         m = min(max(int(xzh[i, 2] / tall * LAYERS), 0), LAYERS - 1)
         layers[m] += 1
-        left[m], right[m] = min(left[m], uvd[i, 0]), max(right[m], uvd[i, 0])
+        left[m], right[m] = min(left[m], xzh[i, 3]), max(right[m], xzh[i, 3])
     for c in range(COLUMNS):
         out[k + c] = min(tops[c] / tall, 1.2)
         out[k + COLUMNS + c] = counts[c] * COLUMNS / n
@@ -248,26 +252,25 @@ def describe_things(
     f, cx, cy, baseline = twin
     n_x, n_y, n_z, height_m, bend = road
     things = len(bounds) - 1
-    most = 1
-    for k in range(things):
-        most = max(most, bounds[k + 1] - bounds[k])
-    scratch, xzh = np.empty(most), np.empty((most, 3))
+    scratch, xzh = np.empty(CELLS), np.empty((CELLS, 6))
     boxes, near, box = np.empty((things, 4)), np.empty(things), np.empty(4)
     for k in range(things):
         cells = uvd[bounds[k] : bounds[k + 1]]
-        n = len(cells)
+        count = len(cells)
+        n = min(count, CELLS)
         u0, u1, v0, v1, lowest = np.inf, -np.inf, np.inf, -np.inf, -np.inf
-        for i in range(n):
-            z = f * baseline / cells[i, 2]
-            x, y = (cells[i, 0] - cx) / f * z - baseline / 2, (cells[i, 1] - cy) / f * z
-            xzh[i, 0], xzh[i, 1] = x, z
-            xzh[i, 2] = n_x * x + n_y * y + n_z * z + height_m - bend * z * z if n_x == n_x else -y
+        for s in range(n):
+            u, v, d = cells[s * count // n]
+            z = f * baseline / d
+            x, y = (u - cx) / f * z - baseline / 2, (v - cy) / f * z
+            xzh[s, 0], xzh[s, 1], xzh[s, 3], xzh[s, 4], xzh[s, 5] = x, z, u, v, d
+            xzh[s, 2] = n_x * x + n_y * y + n_z * z + height_m - bend * z * z if n_x == n_x else -y
             lowest = max(lowest, y)
-            u0, u1 = min(u0, cells[i, 0] - 2), max(u1, cells[i, 0] + 2)
-            v0, v1 = min(v0, cells[i, 1] - 2), max(v1, cells[i, 1] + 2)
+            u0, u1 = min(u0, u - 2), max(u1, u + 2)
+            v0, v1 = min(v0, v - 2), max(v1, v + 2)
         if n_x != n_x:
             xzh[:n, 2] += lowest
-        measure_shape(cells, xzh[:n], twin, size_px, scratch, figures[k])
+        measure_shape(cells, xzh[:n], count, twin, size_px, scratch, figures[k])
         # What stands on the road is seen down to it.
         near[k] = np.exp(figures[k, 0])
         if figures[k, 3] < FOOT_LOW_M:
@@ -350,7 +353,7 @@ def tally_colors(lab: NDArray[np.uint8], road_lab: Floats, out: Floats) -> None:
             if s < own:
                 lightness += light
                 squares += light * light
-            if np.hypot(a, b) < GREY_LEAST + GREY_SHARE * light:
+            if a * a + b * b < (GREY_LEAST + GREY_SHARE * light) ** 2:
                 if s >= own:
                     continue
                 grey[greys] = light
@@ -400,15 +403,16 @@ def steepest(steps: Floats, middle: float, reach: float, first: int, least: floa
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def edge_near(half: Gray, row: int, middle: float, reach: float) -> float:
+def edge_near(half: Gray, row: int, middle: float, reach: float, scratch: Floats) -> float:
     """See `reference.recognize.edge_near`."""
     rows, columns = half.shape
     first, last = max(int(np.ceil(middle - reach)), 1), min(int(np.floor(middle + reach)), columns - 2)
     y0, y1 = max(row - 1, 0), min(row + 1, rows - 1)
-    steps = np.zeros(max(last - first + 1, 0))
+    steps = scratch[: min(max(last - first + 1, 0), len(scratch))]
+    steps[:] = 0.0
     for y in range(y0, y1 + 1):
-        for x in range(first, last + 1):
-            steps[x - first] += abs(float(half[y, x + 1]) - float(half[y, x - 1]))
+        for k in range(len(steps)):
+            steps[k] += abs(float(half[y, first + k + 1]) - float(half[y, first + k - 1]))
     return steepest(steps, middle, reach, first, EDGE_LEVELS * (y1 - y0 + 1))
 
 
@@ -477,13 +481,13 @@ def trace_thing(
             known = k
     for m in range(known + 1, rows):
         left[m], right[m], z_left[m], z_right[m] = left[known], right[known], z_left[known], z_right[known]
-    sharp_left, sharp_right = np.empty(rows), np.empty(rows)
+    sharp_left, sharp_right, scratch = np.empty(rows), np.empty(rows), np.empty(64)
     for k in range(rows):
         y = min(int((v0 + (k + 0.5) * step) / 2), half.shape[0] - 1)
         width = (right[k] - left[k]) / 2
         near = min(reach, max(width, 1.0))
-        sharp_left[k] = 2 * edge_near(half, y, (left[k] - 0.5) / 2, near) + 0.5
-        sharp_right[k] = 2 * edge_near(half, y, (right[k] - 0.5) / 2, near) + 0.5
+        sharp_left[k] = 2 * edge_near(half, y, (left[k] - 0.5) / 2, near, scratch) + 0.5
+        sharp_right[k] = 2 * edge_near(half, y, (right[k] - 0.5) / 2, near, scratch) + 0.5
     m = 0
     least, most = np.inf, -np.inf
     for k in range(rows):
@@ -534,11 +538,28 @@ def trace_things(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def ends_of(values: Floats) -> tuple[float, float]:
+    """See `reference.recognize.ends_of`."""
+    low, lowest, high, highest = np.inf, np.inf, -np.inf, -np.inf
+    for i in range(len(values)):
+        value = values[i]
+        if value < low:
+            low = value
+            if value < lowest:
+                low, lowest = lowest, value
+        if value > high:
+            high = value
+            if value > highest:
+                high, highest = highest, value
+    return (low, high) if len(values) > STRAY_FROM else (lowest, highest)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def fit_outline(x: Floats, z: Floats, sigma_m: Floats, out: Floats) -> None:
     """See `reference.recognize.fit_outline`."""
     n = len(x)
     costs = np.empty(HEADINGS)
-    spare, along, across = np.empty(n), np.empty(n), np.empty(n)
+    along, across = np.empty(n), np.empty(n)
     best, at = np.inf, 0
     for turn in range(HEADINGS + 1):
         k = turn if turn < HEADINGS else at
@@ -554,14 +575,8 @@ def fit_outline(x: Floats, z: Floats, sigma_m: Floats, out: Floats) -> None:
         for i in range(n):
             along[i] = c * z[i] + s * x[i]
             across[i] = c * x[i] - s * z[i]
-            spare[i] = along[i]
-        front = quantile_of(spare, NEAR_SHARE)
-        back = quantile_of(spare, 1 - NEAR_SHARE)
-        for i in range(n):
-            spare[i] = across[i]
-        low = quantile_of(spare, NEAR_SHARE)
-        high = quantile_of(spare, 1 - NEAR_SHARE)
-        middle = c * x[0] - s * z[0]
+        front, back = ends_of(along)
+        low, high = ends_of(across)
         side = low if low > 0 else high if high < 0 else np.nan
         cost = 0.0
         for i in range(n):
@@ -569,7 +584,6 @@ def fit_outline(x: Floats, z: Floats, sigma_m: Floats, out: Floats) -> None:
             if side == side:
                 off = min(off, abs(across[i] - side))
             cost += min(off / sigma_m[i], 3.0)
-        middle = side
         if turn < HEADINGS:
             costs[k] = cost
             if cost < best:
@@ -581,7 +595,6 @@ def fit_outline(x: Floats, z: Floats, sigma_m: Floats, out: Floats) -> None:
             for m in range(HEADINGS):
                 mean += costs[m]
             out[6] = mean / HEADINGS / n
-            out[7] = middle
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

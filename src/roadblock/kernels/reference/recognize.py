@@ -1,5 +1,7 @@
 """The definition of what recognition measures of a region."""
 
+CELLS, PITCH_CELLS = 160, 64
+"""Of a thing at most so many cells are looked at, evenly spread; its first ones tell how far cells are apart."""
 COLUMNS, LAYERS = 8, 6
 """Bins across and up a thing."""
 CELLS_HIGH, CELLS_WIDE, TURNS, PATCH_STEP = 4, 3, 4, 6
@@ -27,7 +29,7 @@ GREY_SHARE, GREY_LEAST = 0.16, 4.0
 """What has less chroma than this share of its lightness and so much more is grey."""
 BODY_SHARE = 0.65
 """The body of a grey thing is as light as this share of its places: the rest is glass, tyres and shadow."""
-BACKGROUND, SEEN_THROUGH = 32, 0.5
+BACKGROUND, SEEN_THROUGH = 24, 0.5
 """So many places beside a thing show what is behind it; such a share of it is taken off, as if seen through it."""
 COLOR_FIGURES = 4 * HUES + 6
 """How many figures there are of a thing's colours."""
@@ -40,6 +42,6 @@ FOOT_M = 0.6
 """What begins lower stands on the road and is seen down to it."""
 HEADINGS, POINTS = 18, 96
 """Directions in a right angle and places of a thing's surface that its outline on the road is fitted with."""
-NEAR_SHARE = 0.02
-"""A side lies where so little is beyond it."""
-OUTLINE_FIGURES = 8
+STRAY_FROM = 20
+"""Of more places than these the outermost on each side is a stray one."""
+OUTLINE_FIGURES = 7

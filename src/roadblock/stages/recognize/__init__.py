@@ -6,6 +6,7 @@
 from collections.abc import Callable, Sequence
 
 from roadblock.stages.recognize.motion import weigh_motion
+from roadblock.stages.recognize.network import NetworkRecognizer
 from roadblock.stages.recognize.settings import RecognizeSettings
 from roadblock.stages.recognize.shape import ShapeRecognizer
 from roadblock.values.checks import FloatArray
@@ -24,11 +25,18 @@ def _nothing(
 RECOGNIZERS: dict[str, Callable[[RecognizeSettings, FloatArray | None], Recognizer]] = {
     "none": lambda _settings, _T: _nothing,
     "shape": ShapeRecognizer,
+    "onnx": NetworkRecognizer,
 }
 
 
 def make_recognizer(settings: RecognizeSettings, T_vehicle_car: FloatArray | None = None) -> Recognizer:
-    """Return the recogniser that the settings name."""
+    """Return the recogniser that the settings name.
+
+    Raises
+    ------
+    SettingsError, MissingExtraError
+        As `NetworkRecognizer`.
+    """
     return RECOGNIZERS[settings.recognizer](settings, T_vehicle_car)
 
 

@@ -16,7 +16,7 @@ from roadblock.kernels.reference.recognize import BACKGROUND, COLOR_FIGURES, HUE
 from roadblock.values.checks import FloatArray
 from roadblock.values.frame import RectifiedPair
 
-GRID_PX, SAMPLES = 4, 96 + BACKGROUND
+GRID_PX, SAMPLES = 4, 64 + BACKGROUND
 """A thing is looked at so many places of a grid of such steps."""
 
 NAMES = ("pink", "red", "orange", "yellow", "green", "blue", "purple")

@@ -1,5 +1,6 @@
 """`shape`: type, colour, contour and outline of every obstacle, without any network."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -137,7 +138,7 @@ class ShapeRecognizer:
         self, seen: Survey, found: Detections, labels: Sequence[object], sigma_m: FloatArray
     ) -> tuple[FloatArray, list[float], list[float]]:
         """Return (n, 4, 2) rectangles on the road, vehicle frame, and their directions with sigmas; NaN unknown."""
-        turn, front, back, low, high, best, mean, _ = seen.outlines.T
+        turn, front, back, low, high, best, mean = seen.outlines.T
         c, s = np.cos(turn), np.sin(turn)
         along, across = np.stack([front, front, back, back], -1), np.stack([low, high, high, low], -1)
         x, z = (c[:, None] * across + s[:, None] * along), (c[:, None] * along - s[:, None] * across)
@@ -149,28 +150,20 @@ class ShapeRecognizer:
         long_m, wide_m = back - front, high - low
         sigma = np.hypot(HEADING_RAD, HEADING_SHARE * sigma_m / np.maximum(np.maximum(long_m, wide_m), 0.1))
         sure = (sigma < SUREST_RAD) & (best < (1 - CONTRAST) * mean)
-        headings, sigmas = [], []
-        for i, name in enumerate(labels):
-            quarter = _direction(str(name), float(long_m[i]), float(wide_m[i])) if sure[i] else None
-            if quarter is None:
-                headings.append(float("nan"))
-                sigmas.append(float("nan"))
-                continue
-            angle = turn[i] + quarter * np.pi / 2
-            forward = R @ np.array([np.sin(angle), 0.0, np.cos(angle)])
-            heading = np.arctan2(forward[1], forward[0])
-            headings.append(float((heading + np.pi / 2) % np.pi - np.pi / 2))
-            sigmas.append(float(sigma[i]))
-        return corners[..., :2], headings, sigmas
+        sizes = zip(map(str, labels), long_m.tolist(), wide_m.tolist(), strict=True)
+        angle = turn + np.pi / 2 * np.where(sure, [_direction(*size) for size in sizes], np.nan)
+        forward = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], -1) @ R.T
+        heading = (np.arctan2(forward[:, 1], forward[:, 0]) + np.pi / 2) % np.pi - np.pi / 2
+        return corners[..., :2], heading.tolist(), np.where(np.isnan(heading), np.nan, sigma).tolist()
 
 
-def _direction(name: str, long_m: float, wide_m: float) -> int | None:
-    """Return 0 where a thing runs along its rectangle's first axis, 1 along its second, None where none is seen."""
+def _direction(name: str, long_m: float, wide_m: float) -> float:
+    """Return 0 where a thing runs along its rectangle's first axis, 1 along its second, NaN where none is seen."""
     longer, shorter = max(long_m, wide_m), min(long_m, wide_m)
     if name in VEHICLES:
         if longer > LONGEST_END_M[name]:
             return 0 if long_m > wide_m else 1
         return 1 if long_m > wide_m else 0
     if longer < SIDES_RATIO * shorter:
-        return None
+        return math.nan
     return 0 if long_m > wide_m else 1
