@@ -1,16 +1,18 @@
-"""Judge recognition: `python benchmarks/accuracy/recognition.py [DATA] [--streets N] [--pictures DIR] [--network YAML]`.
+"""Recognition: `python benchmarks/accuracy/recognition.py [DATA] [--streets N] [--pictures DIR] [--network FILE]`.
 
 Simulated streets of `recognition_world.py`, families `UNSEEN`, seeds `DAY` (daylight) and `SHADE` (in the shadow of a
 wall): neither was used to train or to choose anything. A found obstacle is a true thing if `whose` of
-`train_recognition.py` says so, their boxes overlap by half, and the thing is within `FAR_M`; the largest such obstacle of each
-thing counts. F1 counts "unknown" as missed, and every obstacle within `FAR_M` that is called something else than it is as
-false. Forks: false is the share of all other obstacles that are called fork. Colours: silver may be gray or white. Width: against
-the visible extent across the view; height: against the thing's own; contour: against the visible pixels, filled from the
-leftmost to the rightmost of each row. Bicycles and railings, which are mostly holes, are filled likewise.
+`train_recognition.py` says so, their boxes overlap by half, and the thing is within `FAR_M`; the largest such obstacle
+of each thing counts. F1 counts "unknown" as missed, and every obstacle within `FAR_M` that is called something else
+than it is as false. Forks: false is the share of all other obstacles that are called fork. Colours: silver may be gray
+or white. Width: against the visible extent across the view; height: against the thing's own; contour: against the
+visible pixels, filled from the leftmost to the rightmost of each row. Bicycles and railings, which are mostly holes,
+are filled likewise.
 
-Real: moving vehicles of kitti2015 (DATA, default $ROADBLOCK_DATA or ../shared/data), as the outside scorer defines them, nearer
-than `REAL_FAR_M` and found (boxes overlap by half, range within 5 % and 1 m): the share called car or truck, by `shape` and, with
-`--network`, by that network. Cost: median of the stage over rendered frames of `COST_THINGS` obstacles.
+Real: moving vehicles of kitti2015 (DATA, default $ROADBLOCK_DATA or ../shared/data), as the outside scorer defines
+them, nearer than `REAL_FAR_M` and found (boxes overlap by half, range within 5 % and 1 m): the share called car or
+truck, by `shape` and, with `--network`, by that network. Cost: median of the stage over rendered frames of
+`COST_THINGS` obstacles.
 """
 
 import argparse
@@ -26,18 +28,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from record import save
 from recognition_world import picture
+from record import save
 from train_recognition import whose
 
 from roadblock.config import load_settings
 from roadblock.eval.match import overlaps
 from roadblock.io.sources import open_source
 from roadblock.pipeline import Pipeline
-from roadblock.stages.rectify import rectify
+from roadblock.stages.recognize import RecognizeSettings, make_recognizer
 from roadblock.stages.recognize.types import CLASSES
+from roadblock.stages.rectify import rectify
+from roadblock.stages.triangulate import locate_all
 from roadblock.values.frame import StereoPair
-from roadblock.values.scene import Detections, Obstacle, Region
+from roadblock.values.scene import Obstacle, Region
 
 Mask = NDArray[np.bool_]
 DAY, SHADE = 7000, 8000
@@ -63,15 +67,8 @@ def look(pipeline: Pipeline, shot: dict[str, Any]) -> tuple[tuple[Region, ...], 
     """Return the regions and what was recognised of each, in one order."""
     pair = rectify(StereoPair(shot["left"], shot["right"]), pipeline.rectification, shot["rig"].left.size_px)
     found = pipeline.detect(pair)
-    return found.regions, recognized(pipeline, pair, found)
-
-
-def recognized(pipeline: Pipeline, pair: Any, found: Detections) -> tuple[Obstacle, ...]:
-    """Return the obstacles of the regions, in their order."""
-    from roadblock.stages.triangulate import locate_all
-
     located = locate_all(found.regions, pipeline.rectification, found.ground, [None] * len(found.regions))
-    return pipeline._recognize(pair, found, found.regions, located)
+    return found.regions, make_recognizer(RecognizeSettings())(pair, found, found.regions, located)
 
 
 def judged(shot: dict[str, Any], shaded: bool) -> list[dict[str, Any]]:
@@ -82,7 +79,14 @@ def judged(shot: dict[str, Any], shaded: bool) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for region, o in zip(regions, obstacles, strict=True):
         kind, number = whose(region, shot)
-        row = {"true": kind, "said": o.label, "odds": o.class_odds, "shaded": shaded, "whole": False, "range_m": o.range_m}
+        row = {
+            "true": kind,
+            "said": o.label,
+            "odds": o.class_odds,
+            "shaded": shaded,
+            "whole": False,
+            "range_m": o.range_m,
+        }
         if number:
             row |= compared(o, true[number], shot)
         if o.range_m <= FAR_M:
@@ -139,7 +143,8 @@ def within(off_m: list[float], size_m: list[float]) -> str:
     off, allowed = np.abs(off_m), np.maximum(0.05, 0.05 * np.array(size_m))
     known = np.isfinite(off)
     share = np.mean(off[known] <= allowed[known])
-    return f"{np.median(off[known]):.3f} m, {np.median(off[known] / allowed[known]):.2f} of what is allowed ({share:.2f} within)"
+    relative = np.median(off[known] / allowed[known])
+    return f"{np.median(off[known]):.3f} m, {relative:.2f} of what is allowed ({share:.2f} within)"
 
 
 def synthetic(streets: int, folder: Path) -> list[list[str]]:
@@ -165,7 +170,11 @@ def synthetic(streets: int, folder: Path) -> list[list[str]]:
         ["called unknown, of things found whole", f"{np.mean([r['said'] == 'unknown' for r in wholes]):.3f}", ""],
         ["expected calibration error", f"{calibration_error(rows):.3f}", "<= .05"],
         ["width, <= 15 m, median error", within([r["width_off_m"] for r in near], [r["width_m"] for r in near]), "1"],
-        ["height, <= 15 m, median error", within([r["height_off_m"] for r in near], [r["height_m"] for r in near]), "1"],
+        [
+            "height, <= 15 m, median error",
+            within([r["height_off_m"] for r in near], [r["height_m"] for r in near]),
+            "1",
+        ],
         ["contour, median intersection over union", f"{np.median([r['iou'] for r in wholes]):.3f}", ">= .85"],
         ["the same, <= 15 m", f"{np.median([r['iou'] for r in near]):.3f}", ""],
     ]
@@ -176,7 +185,9 @@ def synthetic(streets: int, folder: Path) -> list[list[str]]:
     for side, name in ((0, "width"), (1, "height")):
         ratio = np.array([abs(r[f"{name}_off_m"]) / r["size_sigma_m"][side] for r in wholes])
         ratio = ratio[np.isfinite(ratio)]
-        lines.append([f"{name} within 1 / 2 sigma", f"{np.mean(ratio <= 1):.2f} / {np.mean(ratio <= 2):.2f}", ".68 / .95"])
+        lines.append(
+            [f"{name} within 1 / 2 sigma", f"{np.mean(ratio <= 1):.2f} / {np.mean(ratio <= 2):.2f}", ".68 / .95"]
+        )
     return [["simulated, unseen shapes", *line] for line in lines]
 
 
@@ -231,14 +242,13 @@ def cost(folder: Path) -> list[list[str]]:
     pair = rectify(StereoPair(shot["left"], shot["right"]), pipeline.rectification, shot["rig"].left.size_px)
     found = pipeline.detect(pair)
     regions = (found.regions * COST_THINGS)[:COST_THINGS]
-    from roadblock.stages.triangulate import locate_all
-
     located = locate_all(regions, pipeline.rectification, found.ground, [None] * len(regions))
-    pipeline._recognize(pair, found, regions, located)
+    recognize = make_recognizer(RecognizeSettings())
+    recognize(pair, found, regions, located)
     stage, step = [], []
     for _ in range(60):
         begin = perf_counter()
-        pipeline._recognize(pair, found, regions, located)
+        recognize(pair, found, regions, located)
         stage.append(1e3 * (perf_counter() - begin))
         step.append(pipeline.step(StereoPair(shot["left"], shot["right"]))[0].timings_ms["total"])
     least, whole = np.min(stage), np.min(step)

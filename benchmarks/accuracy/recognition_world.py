@@ -368,7 +368,7 @@ def plated_fork(rng: Rng, color: str, rgb: Rgb) -> Thing:
 # --- walls, plants, debris --------------------------------------------------------------------------------------------
 
 
-def home(rng: Rng, color: str, _rgb: Rgb) -> Thing:
+def home(rng: Rng, _color: str, _rgb: Rgb) -> Thing:
     """Return a house."""
     wall = (int(rng.integers(150, 225)),) * 2 + (int(rng.integers(120, 200)),)
     size = (rng.uniform(5, 11), rng.uniform(5, 9), rng.uniform(3.5, 6))

@@ -2,8 +2,9 @@
 
 Simulated streets of `recognition_world.py` (seeds from `FIRST` on, families `SEEN`) go through the `cells` detector.
 Each region is one example: its class is that of the thing most of its cells see, "unknown" where no thing has
-`MOST` of them. Mirror images and disturbed copies count too. Every fifth street is kept from training; temperature (so that probabilities are as
-often right as they say) is fitted on these. The result replaces `src/roadblock/stages/recognize/model.json`.
+`MOST` of them. Mirror images and disturbed copies count too. Every fifth street is kept from training; temperature (so
+that probabilities are as often right as they say) is fitted on these. The result replaces
+`src/roadblock/stages/recognize/model.json`.
 """
 
 import argparse
@@ -26,9 +27,9 @@ from roadblock.values.frame import StereoPair
 from roadblock.values.scene import Region
 
 Floats = NDArray[np.float64]
-FIRST, STREETS = 1000, 280
+FIRST, STREETS = 1000, 520
 MOST, LEAST_SEEN = 0.6, 0.2
-"""A region is a thing if that share of its cells on any thing is on this one, and that share of all its cells on one."""
+"""A region is a thing if that share of its cells on any is on this one, and that share of all its cells on one."""
 HIDDEN, DECAY, STEPS, SEED = 48, 1e-3, 250, 0
 FORKS = 0.5
 """Roads fork less often than these streets do."""
@@ -156,8 +157,8 @@ def main() -> None:
     record = {
         "classes": list(CLASSES),
         "recipe": f"benchmarks/accuracy/train_recognition.py --streets {options.streets}: seeds from {FIRST}, "
-        f"{len(own)} regions, their mirror images and disturbed ones, hidden {HIDDEN}, decay {DECAY}, seed {SEED}; temperature from "
-        f"{int(held.sum())} regions of every fifth street, of which {right.mean():.3f} were right",
+        f"{len(own)} regions, their mirror images and disturbed ones; hidden {HIDDEN}, decay {DECAY}, seed {SEED}; "
+        f"temperature from {int(held.sum())} regions of every fifth street, of which {right.mean():.3f} were right",
         "temperature": round(temperature, DIGITS),
         **{name: np.round(getattr(model, name), DIGITS).tolist() for name in vars(model) if name != "temperature"},
     }

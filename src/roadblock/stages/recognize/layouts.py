@@ -1,7 +1,7 @@
 """How networks say what they saw: raw outputs in; boxes, scores and class numbers out."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -11,12 +11,14 @@ from roadblock.errors import SettingsError
 from roadblock.stages.recognize.description import NetworkDescription
 from roadblock.stages.recognize.session import Floats32
 
+Floats = NDArray[np.floating[Any]]
+
 
 class Seen(NamedTuple):
     """What a network saw: (n, 4) boxes u0, v0, u1, v1 in pixels of its input, (n,) scores 0..1, (n,) class numbers."""
 
-    boxes: Floats32
-    scores: Floats32
+    boxes: Floats
+    scores: Floats
     numbers: NDArray[np.int64]
 
 
@@ -33,10 +35,10 @@ def decode(outputs: list[Floats32], about: NetworkDescription) -> Seen:
     boxes, scores, numbers = seen.boxes[sure], seen.scores[sure], seen.numbers[sure]
     if about.layout in ("yolox", "yolov8") and len(boxes):
         corners = np.concatenate([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]], 1)
-        kept = cv2.dnn.NMSBoxesBatched(
+        found = cv2.dnn.NMSBoxesBatched(
             corners.tolist(), scores.tolist(), numbers.tolist(), about.least_score, about.overlap
         )
-        kept = np.asarray(kept, np.int64).ravel()
+        kept = np.asarray(found, np.int64).ravel()
         boxes, scores, numbers = boxes[kept], scores[kept], numbers[kept]
     order = np.argsort(-scores, kind="stable")
     return Seen(boxes[order], scores[order], numbers[order])
@@ -51,7 +53,8 @@ def _yolox(outputs: list[Floats32], about: NetworkDescription) -> Seen:
         if sum(w * h for w, h, _ in sides) != len(rows):
             raise SettingsError(
                 f"the network gives {len(rows)} boxes, but an input of {width}x{height} px with strides "
-                f"{list(about.strides)} has {sum(w * h for w, h, _ in sides)}: set input_px and strides, or decoded: true"
+                f"{list(about.strides)} has {sum(w * h for w, h, _ in sides)}: set input_px and strides, "
+                "or decoded: true"
             )
         cells = np.concatenate(
             [np.stack(np.meshgrid(np.arange(w), np.arange(h)), -1).reshape(-1, 2) for w, h, _ in sides]
@@ -104,7 +107,8 @@ def _single(
 ) -> Floats32:
     if len(outputs) != 1 or outputs[0].ndim != 3 or not fits(outputs[0].shape):
         raise _unfit(outputs, about, wanted)
-    return outputs[0][0]
+    only: Floats32 = outputs[0][0]
+    return only
 
 
 def _unfit(outputs: list[Floats32], about: NetworkDescription, wanted: str) -> SettingsError:

@@ -93,7 +93,7 @@ def prepared(image: Image, about: NetworkDescription) -> tuple[Floats32, FloatAr
     canvas = np.full((height, width, 3), about.pad, np.uint8)
     canvas[shift[1] : shift[1] + size[1], shift[0] : shift[0] + size[0]] = cv2.resize(rgb, size.tolist())
     ordered = canvas[..., ::-1] if about.colors == "bgr" else canvas
-    scaled = (ordered.astype(np.float32) - np.float32(about.mean)) / np.float32(about.std)
+    scaled = (ordered - np.array(about.mean)) / np.array(about.std)
     return np.ascontiguousarray(scaled.transpose(2, 0, 1)[None], np.float32), scale, shift.astype(float)
 
 

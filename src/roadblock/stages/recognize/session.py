@@ -33,7 +33,7 @@ class Session:
 
     def __init__(self, path: Path) -> None:
         try:
-            import onnxruntime  # noqa: PLC0415
+            import onnxruntime
         except ImportError as error:
             raise MissingExtraError("running a network", "onnx") from error
         try:

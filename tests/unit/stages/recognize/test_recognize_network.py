@@ -9,6 +9,7 @@ import onnx
 import pytest
 import yaml
 from onnx import TensorProto, helper, numpy_helper
+from test_recognize_shape import cells_of, recognized, scene
 
 from roadblock.errors import MissingExtraError, SettingsError
 from roadblock.stages.recognize import RecognizeSettings, make_recognizer
@@ -16,7 +17,6 @@ from roadblock.stages.recognize.description import NetworkDescription, read_desc
 from roadblock.stages.recognize.layouts import Seen, decode
 from roadblock.stages.recognize.network import named, prepared
 from roadblock.stages.recognize.session import Session
-from test_recognize_shape import cells_of, recognized, scene
 
 INPUT = (64, 48)
 PLAIN = {"model": "tiny.onnx", "layout": "yolov8", "input_px": INPUT, "classes": {0: "person", 2: "car"}}
@@ -25,9 +25,12 @@ PLAIN = {"model": "tiny.onnx", "layout": "yolov8", "input_px": INPUT, "classes":
 def tiny(path: Path, *outputs: np.ndarray, shape: tuple = (1, 3, 48, 64), kind: int = TensorProto.FLOAT) -> Path:
     """Write a network that takes an image and always says the same."""
     names = [f"out{i}" for i in range(len(outputs))]
-    nodes = [helper.make_node("Constant", [], [n], value=numpy_helper.from_array(a)) for n, a in zip(names, outputs)]
+    nodes = [
+        helper.make_node("Constant", [], [n], value=numpy_helper.from_array(a))
+        for n, a in zip(names, outputs, strict=True)
+    ]
     nodes.append(helper.make_node("Identity", ["image"], ["seen"]))
-    infos = [helper.make_tensor_value_info(n, TensorProto.FLOAT, a.shape) for n, a in zip(names, outputs)]
+    infos = [helper.make_tensor_value_info(n, TensorProto.FLOAT, a.shape) for n, a in zip(names, outputs, strict=True)]
     infos.append(helper.make_tensor_value_info("seen", kind, shape))
     graph = helper.make_graph(nodes, "tiny", [helper.make_tensor_value_info("image", kind, shape)], infos)
     onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), path)
@@ -57,7 +60,9 @@ def yolov8(*rows: tuple[float, ...], count: int = 30) -> np.ndarray:
 
 
 def test_yolov8_boxes_come_once_and_the_surest_first() -> None:
-    out = yolov8((20, 10, 8, 6, 0.1, 0, 0.6), (20.5, 10, 8, 6, 0, 0, 0.9), (50, 30, 4, 4, 0.7, 0, 0), (9, 9, 2, 2, 0.1, 0, 0))
+    out = yolov8(
+        (20, 10, 8, 6, 0.1, 0, 0.6), (20.5, 10, 8, 6, 0, 0, 0.9), (50, 30, 4, 4, 0.7, 0, 0), (9, 9, 2, 2, 0.1, 0, 0)
+    )
     seen = decode([out], about())
     np.testing.assert_allclose(seen.boxes, [[16.5, 7, 24.5, 13], [48, 28, 52, 32]])
     np.testing.assert_allclose(seen.scores, [0.9, 0.7])
@@ -156,7 +161,10 @@ def test_the_obstacle_takes_the_type_of_the_box_it_lies_in() -> None:
 
 def test_pieces_of_one_thing_take_one_type_and_the_surest_box_speaks_first() -> None:
     whole = recognized(cells_of(BOX), box=BOX).recognized(label="unknown")
-    left, right = whole.recognized(box_px=(250, 91, 320, 227)), whole.recognized(box_px=(321, 91, 371, 227), range_m=10.8)
+    left, right = (
+        whole.recognized(box_px=(250, 91, 320, 227)),
+        whole.recognized(box_px=(321, 91, 371, 227), range_m=10.8),
+    )
     boxes = np.array([[245, 85, 375, 230.0], [245, 85, 325, 230], [0, 0, 20, 20], [245, 85, 325, 230]])
     seen = Seen(boxes, np.array([0.9, 0.8, 0.7, 0.6]), np.array([2, 0, 0, 1]))
     assert [o.label for o in named((left, right), seen, about())] == ["car", "car"]
