@@ -10,7 +10,7 @@ from roadblock.detectors import make_detector
 from roadblock.errors import SourceError
 from roadblock.stages.egomotion import Odometer
 from roadblock.stages.health import judge, looks_swapped
-from roadblock.stages.recognize import make_recognizer, weigh_motion
+from roadblock.stages.recognize import NetworkRecognizer, make_recognizer, weigh_motion
 from roadblock.stages.rectify import plan_rectification, rectify
 from roadblock.stages.refine import refine
 from roadblock.stages.track import Tracker
@@ -35,7 +35,9 @@ class Pipeline:
     RigError
         If the cameras share no view.
     SettingsError
-        If the detector is unknown.
+        If the detector is unknown, or the recogniser's network does not fit its description.
+    MissingExtraError
+        If a network is wanted and the library for it is not installed.
     """
 
     def __init__(self, rig: StereoRig, settings: Settings | None = None) -> None:
@@ -46,6 +48,11 @@ class Pipeline:
         self._recognize = make_recognizer(self.settings.recognize, rig.T_vehicle_car)
         self._measure_ego = Odometer(self.rectification, self.settings.egomotion)
         self._tracker = Tracker(self.rectification, rig.T_vehicle_car, self.settings.track)
+
+    @property
+    def network_sha256(self) -> str | None:
+        """Hash of the network that names types; None where none does."""
+        return self._recognize.session.sha256 if isinstance(self._recognize, NetworkRecognizer) else None
 
     def step(self, pair: StereoPair) -> tuple[FrameResult, RectifiedPair]:
         """Find every obstacle in one pair.

@@ -40,4 +40,4 @@ def make_recognizer(settings: RecognizeSettings, T_vehicle_car: FloatArray | Non
     return RECOGNIZERS[settings.recognizer](settings, T_vehicle_car)
 
 
-__all__ = ["RECOGNIZERS", "RecognizeSettings", "Recognizer", "make_recognizer", "weigh_motion"]
+__all__ = ["RECOGNIZERS", "NetworkRecognizer", "RecognizeSettings", "Recognizer", "make_recognizer", "weigh_motion"]

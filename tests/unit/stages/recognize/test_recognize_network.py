@@ -1,5 +1,7 @@
 """Networks of one's own: tiny ones that the tests build, and a real one where it is there."""
 
+import hashlib
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -11,12 +13,17 @@ import yaml
 from onnx import TensorProto, helper, numpy_helper
 from test_recognize_shape import cells_of, recognized, scene
 
+from roadblock.config import Settings
 from roadblock.errors import MissingExtraError, SettingsError
+from roadblock.geometry.pose import pose
+from roadblock.io.sources import open_source
+from roadblock.pipeline import Pipeline
 from roadblock.stages.recognize import RecognizeSettings, make_recognizer
 from roadblock.stages.recognize.description import NetworkDescription, read_description
 from roadblock.stages.recognize.layouts import Seen, decode
 from roadblock.stages.recognize.network import named, prepared
 from roadblock.stages.recognize.session import Session
+from roadblock.values.camera import Camera, StereoRig
 
 INPUT = (64, 48)
 PLAIN = {"model": "tiny.onnx", "layout": "yolov8", "input_px": INPUT, "classes": {0: "person", 2: "car"}}
@@ -253,13 +260,43 @@ def test_a_network_that_fails_says_so(tmp_path: Path) -> None:
 
 
 def test_the_network_is_known_by_its_hash(tmp_path: Path) -> None:
-    import hashlib
-
     path = tiny(tmp_path / "tiny.onnx", yolov8())
-    assert Session(path).sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    known = hashlib.sha256(path.read_bytes()).hexdigest()
+    camera = Camera((64, 48), 60.0, 60.0, 31.0, 23.0)
+    rig = StereoRig(camera, camera, pose(np.eye(3), [0.2, 0, 0]))
+    settings = Settings(recognize=described(tmp_path, outputs=["out0"]))
+    assert Session(path).sha256 == Pipeline(rig, settings).network_sha256 == known
+    assert Pipeline(rig).network_sha256 is None
 
 
 def test_without_the_library_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     with pytest.raises(MissingExtraError, match=r"roadblock\[onnx\]"):
         Session(tmp_path / "tiny.onnx")
+
+
+# --- for real ---------------------------------------------------------------------------------------------------------
+
+DATA = Path(os.environ.get("ROADBLOCK_DATA", Path(__file__).parents[5] / "shared" / "data"))
+YOLOX = DATA / "models" / "yolox_nano.onnx"
+
+
+@pytest.mark.skipif(not (YOLOX.is_file() and (DATA / "kitti2015").is_dir()), reason="no real network or recording here")
+def test_a_real_network_sees_the_cyclist_and_the_van(tmp_path: Path) -> None:
+    """KITTI 2015, frame 000002: a cyclist at 6 m and a white van at 13 m; nothing is lost."""
+    text = f"model: {YOLOX}\nlayout: yolox\ninput_px: [416, 416]\ncolors: bgr\nleast_score: 0.25\n"
+    (tmp_path / "yolox.yaml").write_text(text + "classes: {0: person, 1: bicycle, 2: car, 7: truck}\n", "utf-8")
+    source = open_source(DATA / "kitti2015")
+    pair = next(iter(source))
+    rig = source.rigs[0] if source.rigs else source.rig
+    plain, seen = (
+        Pipeline(rig, Settings(recognize=settings)).step(pair)[0].obstacles
+        for settings in (
+            RecognizeSettings(),
+            RecognizeSettings(recognizer="onnx", network=str(tmp_path / "yolox.yaml")),
+        )
+    )
+    assert [o.box_px for o in plain] == [o.box_px for o in seen]
+    near = {o.label for o in seen if o.range_m < 15}
+    assert near & {"person", "bicycle"}
+    assert near & {"car", "truck"}
