@@ -4,7 +4,8 @@ Simulated streets of `recognition_world.py`, families `UNSEEN`, seeds `DAY` (day
 wall): neither was used to train or to choose anything. A found obstacle is a true thing if `whose` of
 `train_recognition.py` says so, their boxes overlap by half, and the thing is within `FAR_M`; the largest such obstacle
 of each thing counts. F1 counts "unknown" as missed, and every obstacle within `FAR_M` that is called something else
-than it is as false. Forks: false is the share of all other obstacles that are called fork. Colours: silver may be gray
+than it is as false. Forks: recall of their noses, the nearest
+obstacle of each; false is the share of all other obstacles that are called fork. Colours: silver may be gray
 or white. Width: against the visible extent across the view; height: against the thing's own; contour: against the
 visible pixels, filled from the leftmost to the rightmost of each row. Bicycles and railings, which are mostly holes,
 are filled likewise.
@@ -85,6 +86,7 @@ def judged(shot: dict[str, Any], shaded: bool) -> list[dict[str, Any]]:
             "odds": o.class_odds,
             "shaded": shaded,
             "whole": False,
+            "nose": False,
             "range_m": o.range_m,
         }
         if number:
@@ -92,9 +94,9 @@ def judged(shot: dict[str, Any], shaded: bool) -> list[dict[str, Any]]:
         if o.range_m <= FAR_M:
             rows.append(row | {"number": number})
     for number in {row["number"] for row in rows if row["number"]}:
-        mine = [row for row in rows if row["number"] == number and row["overlap"] >= 0.5]
-        if mine:
-            max(mine, key=lambda row: row["overlap"])["whole"] = True
+        pieces = [row for row in rows if row["number"] == number]
+        best, nearest = max(pieces, key=lambda row: row["overlap"]), min(pieces, key=lambda row: row["range_m"])
+        best["whole"], nearest["nose"] = best["overlap"] >= 0.5, nearest["true"] == "fork"
     return rows
 
 
@@ -154,7 +156,7 @@ def synthetic(streets: int, folder: Path) -> list[list[str]]:
     wholes = [row for row in rows if row["whole"]]
     by_kind = {kind: f1(rows, kind) for kind in KINDS}
     alone = {kind: f1([r for r in rows if r["whole"]], kind) for kind in KINDS}
-    forks = [row for row in wholes if row["true"] == "fork"]
+    forks = [row for row in rows if row["nose"]]
     others = [row for row in rows if row["true"] != "fork"]
     near = [row for row in wholes if row["range_m"] <= NEAR_M]
     confused = Counter((r["true"], r["said"]) for r in wholes if r["true"] != r["said"]).most_common(12)

@@ -14,6 +14,7 @@ from roadblock.kernels.reference.recognize import (
     CELLS_WIDE,
     COLUMNS,
     EDGE_LEVELS,
+    END_SHARE,
     FAR_M,
     FOOT_LOW_M,
     FOOT_M,
@@ -36,6 +37,7 @@ from roadblock.kernels.reference.recognize import (
     SEEN_THROUGH,
     SIDES,
     STRAY_FROM,
+    STRAY_ROWS,
     TOGETHER_M,
     TOGETHER_SHARE,
     TOUCH_PX,
@@ -456,7 +458,6 @@ def trace_thing(
     rows = min(max(int((v1 - v0) / 2), 2), ROWS)
     step = (v1 - v0) / rows
     left, right = np.full(rows, np.inf), np.full(rows, -np.inf)
-    z_left, z_right = np.zeros(rows), np.zeros(rows)
     for i in range(n):
         foot = uvd[i, 1] + 2
         if xzh[i, 2] < FOOT_M:
@@ -464,10 +465,7 @@ def trace_thing(
         first = max(int((uvd[i, 1] - 2 - v0) / step + 0.5), 0)
         last = min(max(int((foot - v0) / step - 0.5), first), rows - 1)
         for k in range(first, last + 1):
-            if uvd[i, 0] - pitch / 2 < left[k]:
-                left[k], z_left[k] = uvd[i, 0] - pitch / 2, xzh[i, 1]
-            if uvd[i, 0] + pitch / 2 > right[k]:
-                right[k], z_right[k] = uvd[i, 0] + pitch / 2, xzh[i, 1]
+            left[k], right[k] = min(left[k], uvd[i, 0] - pitch / 2), max(right[k], uvd[i, 0] + pitch / 2)
     # Rows without a cell lie between those around them.
     known = -1
     for k in range(rows):
@@ -477,10 +475,9 @@ def trace_thing(
                 a = known if known >= 0 else k
                 left[m] = left[a] + share * (left[k] - left[a])
                 right[m] = right[a] + share * (right[k] - right[a])
-                z_left[m], z_right[m] = z_left[a], z_right[a]
             known = k
     for m in range(known + 1, rows):
-        left[m], right[m], z_left[m], z_right[m] = left[known], right[known], z_left[known], z_right[known]
+        left[m], right[m] = left[known], right[known]
     sharp_left, sharp_right, scratch = np.empty(rows), np.empty(rows), np.empty(64)
     for k in range(rows):
         y = min(int((v0 + (k + 0.5) * step) / 2), half.shape[0] - 1)
@@ -489,7 +486,7 @@ def trace_thing(
         sharp_left[k] = 2 * edge_near(half, y, (left[k] - 0.5) / 2, near, scratch) + 0.5
         sharp_right[k] = 2 * edge_near(half, y, (right[k] - 0.5) / 2, near, scratch) + 0.5
     m = 0
-    least, most = np.inf, -np.inf
+    lefts, rights = np.empty(rows), np.empty(rows)
     for k in range(rows):
         a, b = max(k - 1, 0), min(k + 1, rows - 1)
         u = max(min(sharp_left[a], sharp_left[k]), min(max(sharp_left[a], sharp_left[k]), sharp_left[b]))
@@ -500,10 +497,25 @@ def trace_thing(
         v = int(np.rint(top if k == 0 else v1 if k == rows - 1 else v0 + (k + 0.5) * step))
         contour[k, 1] = v
         contour[2 * rows - 1 - k, 1] = v
-        x_left, x_right = (u - box[4]) / f_px * z_left[k], (w - box[4]) / f_px * z_right[k]
-        least, most = min(least, x_left), max(most, x_right)
+        lefts[k], rights[k] = u, w
         m += 2
-    edges[0], edges[1], edges[2], edges[3] = least, most, top, v1
+    # The outermost rows may be stray; how far away an end is, the cells there tell.
+    lefts.sort()
+    rights.sort()
+    stray = rows // STRAY_ROWS
+    ends = lefts[stray], rights[rows - 1 - stray]
+    margin = max(1.5 * pitch, END_SHARE * (ends[1] - ends[0]))
+    for side in range(2):
+        total, count, near_d, near_off = 0.0, 0, 0.0, np.inf
+        for i in range(n):
+            off = abs(uvd[i, 0] - ends[side])
+            if off <= margin:
+                total += uvd[i, 2]
+                count += 1
+            if off < near_off:
+                near_d, near_off = uvd[i, 2], off
+        edges[side] = (ends[side] - box[4]) * box[5] / (total / count if count else near_d)
+    edges[2], edges[3] = top, v1
     return m
 
 
@@ -522,8 +534,8 @@ def trace_things(
     """See `reference.recognize.trace_things`."""
     f, cx, cy, baseline = twin
     n_x, n_y, n_z, height_m, bend = road
-    box = np.empty(5)
-    box[4] = cx
+    box = np.empty(6)
+    box[4], box[5] = cx, baseline
     for k in range(len(bounds) - 1):
         cells = uvd[bounds[k] : bounds[k + 1]]
         xzh = np.empty((len(cells), 3))

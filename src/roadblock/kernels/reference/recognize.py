@@ -43,7 +43,7 @@ GREY_SHARE, GREY_LEAST = 0.16, 4.0
 """What has less chroma than this share of its lightness and so much more is grey."""
 BODY_SHARE = 0.65
 """The body of a grey thing is as light as this share of its places: the rest is glass, tyres and shadow."""
-BACKGROUND, SEEN_THROUGH = 24, 0.5
+BACKGROUND, SEEN_THROUGH = 24, 0.7
 """So many places beside a thing show what is behind it; such a share of it is taken off, as if seen through it."""
 COLOR_FIGURES = 4 * HUES + 6
 """How many figures there are of a thing's colours."""
@@ -52,6 +52,8 @@ ROWS = 48
 """A contour has at most so many rows."""
 REACH_PX, EDGE_LEVELS = 3.0, 6.0
 """An edge of the image so far beyond a cell's edge, and of so many grey levels, is the thing's."""
+STRAY_ROWS, END_SHARE = 16, 0.1
+"""Of so many rows one may be stray; what lies within this share of the width is an end."""
 FOOT_M = 0.6
 """What begins lower stands on the road and is seen down to it."""
 HEADINGS, POINTS = 18, 96
@@ -329,26 +331,19 @@ def top_near(half: Gray, middle: float, left: float, right: float, reach: float)
     return steepest(abs(band[y + 1] - band[y - 1]).sum(1), middle, reach, first, EDGE_LEVELS * max(band.shape[1], 1))
 
 
-def cell_rows(
-    uvd: Floats, feet: Floats, pitch: float, v0: float, step: float, rows: int
-) -> tuple[Floats, Floats, Bounds]:
-    """Return (rows,) left and right edge of each row's cells, and (rows, 2) which cells; between them lie others."""
+def cell_rows(uvd: Floats, feet: Floats, pitch: float, v0: float, step: float, rows: int) -> tuple[Floats, Floats]:
+    """Return (rows,) left and right edge of the cells of each row; where there is none, between those around it."""
     first = np.maximum((uvd[:, 1] - 2 - v0) / step + 0.5, 0).astype(int)
     last = np.minimum(np.maximum(((feet - v0) / step - 0.5).astype(int), first), rows - 1)
-    left, right, which = np.full(rows, np.nan), np.full(rows, np.nan), np.zeros((rows, 2), np.int32)
-    for k in range(rows):
-        mine = np.flatnonzero((first <= k) & (k <= last))
-        if len(mine):
-            which[k] = mine[uvd[mine, 0].argmin()], mine[uvd[mine, 0].argmax()]
-            left[k], right[k] = uvd[which[k], 0] + [-pitch / 2, pitch / 2]
-    known = np.flatnonzero(~np.isnan(left))
-    every = np.arange(rows)
-    before = known[np.maximum(np.searchsorted(known, every, "right") - 1, 0)]
-    return np.interp(every, known, left[known]), np.interp(every, known, right[known]), which[before]
+    mine = (first[:, None] <= np.arange(rows)) & (np.arange(rows) <= last[:, None])
+    known = np.flatnonzero(mine.any(0))
+    left = [uvd[mine[:, k], 0].min() - pitch / 2 for k in known]
+    right = [uvd[mine[:, k], 0].max() + pitch / 2 for k in known]
+    return np.interp(np.arange(rows), known, left), np.interp(np.arange(rows), known, right)
 
 
 def trace_thing(
-    half: Gray, uvd: Floats, xzh: Floats, f_px: float, cx: float, bottom: float, edges: Floats, contour: Bounds
+    half: Gray, uvd: Floats, xzh: Floats, twin: Floats, bottom: float, edges: Floats, contour: Bounds
 ) -> int:
     """Write the outline of one thing, row by row from its upper end down its left and up its right side.
 
@@ -361,8 +356,8 @@ def trace_thing(
         Left image of half the size.
     uvd, xzh
         (n, 3) its cells, pixels; where they are: x, z, and height over the road, metres.
-    f_px, cx, bottom
-        Focal length and principal point; lower end of its box.
+    twin, bottom
+        Focal length, principal point and baseline; lower end of its box.
     edges
         (4,), written: leftmost and rightmost x in the left camera's frame, metres; upper and lower row.
     contour
@@ -372,6 +367,7 @@ def trace_thing(
     -------
     How many points the contour has.
     """
+    f_px, cx, _, baseline_m = twin
     pitch, v = pitch_of(uvd), uvd[:, 1]
     feet = np.where(xzh[:, 2] < FOOT_M, np.maximum(v + 2, v + xzh[:, 2] * f_px / xzh[:, 1]), v + 2)
     v0, v1 = max(v.min() - 2, 0.0), min(feet.max(), bottom)
@@ -382,7 +378,7 @@ def trace_thing(
         v0 = min(2 * top_near(half, (v0 - 0.5) / 2, begin / 2, end / 2, reach) + 0.5, v1 - 2)
     rows = min(max(int((v1 - v0) / 2), 2), ROWS)
     step = (v1 - v0) / rows
-    *sides, which = cell_rows(uvd, feet, pitch, v0, step, rows)
+    sides = cell_rows(uvd, feet, pitch, v0, step, rows)
     near = np.minimum(reach, np.maximum((sides[1] - sides[0]) / 2, 1.0))
     y = np.minimum((v0 + (np.arange(rows) + 0.5) * step) / 2, half.shape[0] - 1).astype(int)
     sharp = [
@@ -396,8 +392,14 @@ def trace_thing(
     at[0], at[-1] = v0, v1
     contour[:rows] = np.stack([np.ceil(u), np.rint(at)], -1)
     contour[rows : 2 * rows] = np.stack([np.floor(w), np.rint(at)], -1)[::-1]
-    z = xzh[which, 1]
-    edges[:] = ((u - cx) / f_px * z[:, 0]).min(), ((w - cx) / f_px * z[:, 1]).max(), v0, v1
+    # The outermost rows may be stray; how far away an end is, the cells there tell.
+    ends = np.sort(u)[rows // STRAY_ROWS], np.sort(w)[-1 - rows // STRAY_ROWS]
+    margin = max(1.5 * pitch, END_SHARE * (ends[1] - ends[0]))
+    for side, end in enumerate(ends):
+        off = abs(uvd[:, 0] - end)
+        there = off <= margin if (off <= margin).any() else off == off.min()
+        edges[side] = (end - cx) * baseline_m / uvd[there, 2].mean()
+    edges[2:] = v0, v1
     return 2 * rows
 
 
@@ -416,7 +418,7 @@ def trace_things(
     for k in range(len(counts)):
         cells = uvd[bounds[k] : bounds[k + 1]]
         xzh = np.nan_to_num(lifted(cells, twin, road)[:, :3], nan=FOOT_M)
-        counts[k] = trace_thing(half, cells, xzh, twin[0], twin[1], boxes[k, 3], edges[k], contours[k])
+        counts[k] = trace_thing(half, cells, xzh, twin, boxes[k, 3], edges[k], contours[k])
 
 
 def ends_of(values: Floats) -> tuple[float, float]:

@@ -22,7 +22,7 @@ GRID_PX, SAMPLES = 4, 64 + BACKGROUND
 NAMES = ("pink", "red", "orange", "yellow", "green", "blue", "purple")
 LEAST_SHARE, SECOND_SHARE = 0.18, 0.25
 """A hue is the body's from such a share of its places on, and names it beside another one from such a share on."""
-BLACK_L, WHITE_L = 29.0, 54.0
+BLACK_L, WHITE_L = 29.0, 52.0
 """What is darker, and what is lighter, of what is grey."""
 
 
@@ -86,7 +86,7 @@ def _grey_name(lightness: float) -> str:
 def _hue_name(name: str, lightness: float, a: float, b: float) -> str:
     """Return what a hue is called that is as light and as strong as this."""
     weak = math.hypot(a, b) < 0.62 * lightness + 4 and lightness < 55
-    if (name in ("orange", "yellow") and (weak or lightness < 39)) or (name == "red" and weak and b > 0.6 * a):
+    if (name in ("orange", "yellow") and (weak or lightness < 33)) or (name == "red" and weak and b > 0.6 * a):
         return "brown"
     if name in ("red", "pink"):
         return "pink" if lightness > 62 else "red"

@@ -26,8 +26,8 @@ SUREST_RAD = 0.26
 """A direction less sure than this is none."""
 CONTRAST = 0.12
 """So much better must the best rectangle explain the surface than any."""
-EDGE_PX, ROW_PX, ROAD_M, SIZE_SHARE = 1.6, 1.6, 0.03, 0.02
-"""Standard deviations of an edge, of the upper end, of the foot's height, and of what a thing hides of itself."""
+EDGE_PX, ROW_PX, ROAD_M, WIDTH_SHARE, SIZE_SHARE = 1.6, 1.6, 0.04, 0.07, 0.025
+"""Standard deviations of an edge, of the upper end, of the foot, of what a thing hides of its width, and of the rest."""
 
 
 class ShapeRecognizer:
@@ -129,7 +129,7 @@ class ShapeRecognizer:
             sizes[:, 1] = np.maximum(above, 0.05)
         relative = np.hypot(sigma_m / range_m, SIZE_SHARE)
         sigmas = np.full_like(sizes, np.nan)
-        sigmas[:, 0] = np.sqrt(2 * (EDGE_PX * per_px) ** 2 + (relative * sizes[:, 0]) ** 2)
+        sigmas[:, 0] = np.sqrt(2 * (EDGE_PX * per_px) ** 2 + (relative**2 + WIDTH_SHARE**2) * sizes[:, 0] ** 2)
         sigmas[:, 1] = np.sqrt((ROW_PX * per_px) ** 2 + ROAD_M**2 + (relative * sizes[:, 1]) ** 2)
         sigmas[:, 2] = np.where(np.isnan(sizes[:, 2]), np.nan, np.hypot(2 * sigma_m, 0.1 * sizes[:, 2]))
         return sizes, sigmas
