@@ -43,7 +43,7 @@ GREY_SHARE, GREY_LEAST = 0.16, 4.0
 """What has less chroma than this share of its lightness and so much more is grey."""
 BODY_SHARE = 0.65
 """The body of a grey thing is as light as this share of its places: the rest is glass, tyres and shadow."""
-BACKGROUND, SEEN_THROUGH = 24, 0.7
+BACKGROUND, SEEN_THROUGH = 24, 0.5
 """So many places beside a thing show what is behind it; such a share of it is taken off, as if seen through it."""
 COLOR_FIGURES = 4 * HUES + 6
 """How many figures there are of a thing's colours."""
