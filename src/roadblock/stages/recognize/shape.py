@@ -27,7 +27,7 @@ SUREST_RAD = 0.26
 CONTRAST = 0.12
 """So much better must the best rectangle explain the surface than any."""
 EDGE_PX, ROW_PX, ROAD_M, WIDTH_SHARE, SIZE_SHARE = 1.6, 1.6, 0.04, 0.07, 0.025
-"""Standard deviations of an edge, of the upper end, of the foot, of what a thing hides of its width, and of the rest."""
+"""Standard deviations of an edge, of the upper end, of the foot, of what is hidden of its width, and of the rest."""
 
 
 class ShapeRecognizer:
