@@ -1,7 +1,8 @@
 """Recognition: `python benchmarks/accuracy/recognition.py [DATA] [--streets N] [--pictures DIR] [--network FILE]`.
 
 Simulated streets of `recognition_world.py`, families `UNSEEN`, seeds `DAY` (daylight) and `SHADE` (in the shadow of a
-wall): neither was used to train or to choose anything. A found obstacle is a true thing if `whose` of
+wall): neither was trained on; their results were looked at three times while widths, sigmas and colours were worked on.
+A found obstacle is a true thing if `whose` of
 `train_recognition.py` says so, their boxes overlap by half, and the thing is within `FAR_M`; the largest such obstacle
 of each thing counts. F1 counts "unknown" as missed, and every obstacle within `FAR_M` that is called something else
 than it is as false. Forks: recall of their noses, the nearest
