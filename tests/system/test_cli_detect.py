@@ -385,7 +385,7 @@ def command_line(*arguments: object, **environment: str) -> "subprocess.Complete
 def test_as_a_process_of_its_own(recording: Path) -> None:
     ran = command_line("detect", recording, "--out", "results", "--overlay")
     assert (ran.returncode, ran.stderr) == (0, b"")
-    assert b"red obstacle" in ran.stdout
+    assert b" red " in ran.stdout
     assert len(read_results(Path("results/obstacles.jsonl"))) == 2
 
 
