@@ -27,7 +27,7 @@ from roadblock.values.frame import StereoPair
 from roadblock.values.scene import Region
 
 Floats = NDArray[np.float64]
-FIRST, STREETS = 1000, 520
+FIRST, STREETS = 1000, 760
 MOST, LEAST_SEEN = 0.6, 0.2
 """A region is a thing if that share of its cells on any is on this one, and that share of all its cells on one."""
 HIDDEN, DECAY, STEPS, SEED = 48, 1e-3, 250, 0
