@@ -55,15 +55,9 @@ def main() -> None:
     for name in NAMES:
         alone, fused = np.zeros(3, int), np.zeros(3, int)
         for seed in range(options.first, options.first + options.seeds):
-            pipeline, scene = Pipeline(RIG, load_settings(None, options.set)), SCENES[name](seed)
-            found: list[FreeSpace] = []
-            remember = pipeline._remember
-
-            def remembered(free: FreeSpace, *args, found=found, remember=remember) -> FreeSpace:  # type: ignore[no-untyped-def]
-                found.append(free)
-                return remember(free, *args)
-
-            pipeline._remember = remembered  # type: ignore[assignment]
+            scene = SCENES[name](seed)
+            forgets = Pipeline(RIG, load_settings(None, [*options.set, "fuse.frames=0"]))
+            remembers = Pipeline(RIG, load_settings(None, options.set))
             for index in range(FRAMES):
                 seen = photograph(
                     scene.at(index / FPS),
@@ -73,12 +67,12 @@ def main() -> None:
                     index=index,
                     t_ns=1 + index * 10**8,
                 )
-                result, _ = pipeline.step(seen.pair)
+                results = [pipeline.step(seen.pair)[0] for pipeline in (forgets, remembers)]
                 if index >= FIRST:
                     assert seen.disparity is not None
                     true = lift(seen.disparity.d_px, seen.ground)
-                    alone += count(found[-1], *true)
-                    fused += count(result.free_space, *true)
+                    for counts, result in zip((alone, fused), results, strict=True):
+                        counts += count(result.free_space, *true)
         row: dict[str, object] = {"drive": name, "frames": options.seeds * (FRAMES - FIRST)}
         for what, counts in (("alone", alone), ("fused", fused)):
             row |= {f"late {what}": round(float(counts[1] / counts[0]), 4)}

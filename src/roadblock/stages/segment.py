@@ -17,7 +17,15 @@ from roadblock.kernels.reference.street import BESIDE
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.frame import DisparityMap, Image
-from roadblock.values.scene import NEAREST_FACE_PERCENT, FreeSpace, GroundPlane, Region, RoadEdges, Stixels
+from roadblock.values.scene import (
+    NEAREST_FACE_PERCENT,
+    FreeSpace,
+    GroundPlane,
+    Region,
+    RoadEdges,
+    Stixels,
+    road_numbers,
+)
 
 ROAD_M = 0.2
 """What lies this close to the ground plane is road."""
@@ -110,9 +118,8 @@ def lift(disparity: DisparityMap, rectification: Rectification, ground: GroundPl
     """Put every cell in space. Without a ground, heights are NaN."""
     r, d_px = rectification, disparity.d_px
     z_m, height_m = np.empty_like(d_px), np.empty_like(d_px)
-    road = np.full(5, np.nan) if ground is None else np.array([*ground.normal, ground.height_m, ground.bend_per_m])
-    twin = np.array([r.f_px, r.cx_px, r.cy_px, r.baseline_m])
-    kernels.raise_cells(d_px, disparity.cell_px, disparity.cell_height_px, twin, road, z_m, height_m)
+    cell = disparity.cell_px, disparity.cell_height_px
+    kernels.raise_cells(d_px, *cell, r.numbers, road_numbers(ground), z_m, height_m)
     return Surface(disparity, r, z_m, height_m)
 
 
@@ -287,6 +294,4 @@ def _describe(
 def _road_rows(boxes: NDArray[np.int32], range_m: FloatArray, r: Rectification, ground: GroundPlane) -> FloatArray:
     """Return the image row below which each nearest face stands on the road, within the image."""
     x_m = ((boxes[:, 0] + boxes[:, 2] - 1) / 2 - r.cx_px) / r.f_px * range_m - r.baseline_m / 2
-    n_x, n_y, n_z = ground.normal
-    y_m = (n_x * x_m + n_z * range_m + ground.height_m - ground.bend_per_m * range_m**2) / -n_y
-    return np.asarray(np.clip(np.rint(y_m / range_m * r.f_px + r.cy_px) + 1, 0, r.size_px[1]))
+    return np.asarray(np.clip(np.rint(ground.y_below(x_m, range_m) / range_m * r.f_px + r.cy_px) + 1, 0, r.size_px[1]))

@@ -78,9 +78,17 @@ class GroundPlane:
 
     def point_below(self, x_m: float, z_m: float) -> FloatArray:
         """Return the car-frame point (3,) of the road at `x_m` to the right and `z_m` ahead."""
+        return np.array([x_m, self.y_below(x_m, z_m), z_m])
+
+    def y_below(self, x_m: FloatArray | float, z_m: FloatArray | float) -> FloatArray:
+        """Return y (...) of the road, car frame, metres, at each x (...) to the right and z (...) ahead."""
         n_x, n_y, n_z = self.normal
-        y = (n_x * x_m + n_z * z_m + self.height_m - self.bend_per_m * z_m**2) / -n_y
-        return np.array([x_m, y, z_m])
+        return np.asarray((n_x * x_m + n_z * z_m + self.height_m - self.bend_per_m * z_m**2) / -n_y)
+
+
+def road_numbers(ground: GroundPlane | None) -> FloatArray:
+    """Return (5,) the normal, the height in metres and the bend per metre, as kernels take them; NaN without a road."""
+    return np.full(5, np.nan) if ground is None else np.array([*ground.normal, ground.height_m, ground.bend_per_m])
 
 
 @dataclass(frozen=True, eq=False)

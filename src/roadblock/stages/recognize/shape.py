@@ -122,11 +122,9 @@ class ShapeRecognizer:
         least, most, top, _ = seen.edges.T
         sizes[:, 0] = np.maximum(most - least, per_px)
         if found.ground is not None:
-            n_x, n_y, n_z = found.ground.normal
             y = (top - r.cy_px) * per_px
             x = np.array([(o.uvd_px[0] - r.cx_px) for o in obstacles]) * per_px - r.baseline_m / 2
-            above = n_x * x + n_y * y + n_z * range_m + found.ground.height_m - found.ground.bend_per_m * range_m**2
-            sizes[:, 1] = np.maximum(above, 0.05)
+            sizes[:, 1] = np.maximum(found.ground.height_of(np.stack([x, y, range_m], -1)), 0.05)
         relative = np.hypot(sigma_m / range_m, SIZE_SHARE)
         sigmas = np.full_like(sizes, np.nan)
         sigmas[:, 0] = np.sqrt(2 * (EDGE_PX * per_px) ** 2 + (relative**2 + WIDTH_SHARE**2) * sizes[:, 0] ** 2)
@@ -143,8 +141,8 @@ class ShapeRecognizer:
         along, across = np.stack([front, front, back, back], -1), np.stack([low, high, high, low], -1)
         x, z = (c[:, None] * across + s[:, None] * along), (c[:, None] * along - s[:, None] * across)
         y = np.zeros_like(x)
-        if (g := found.ground) is not None:
-            y = (g.normal[0] * x + g.normal[2] * z + g.height_m - g.bend_per_m * z**2) / -g.normal[1]
+        if found.ground is not None:
+            y = found.ground.y_below(x, z)
         R, t = self._T_vehicle_car[:3, :3], self._T_vehicle_car[:3, 3]
         corners = np.stack([x, y, z], -1) @ R.T + t
         long_m, wide_m = back - front, high - low

@@ -12,7 +12,7 @@ from roadblock.kernels.reference.recognize import FIGURES, HUES, OUTLINE_FIGURES
 from roadblock.stages.recognize.color import read_colors
 from roadblock.values.checks import FloatArray
 from roadblock.values.frame import RectifiedPair
-from roadblock.values.scene import Detections, Region
+from roadblock.values.scene import Detections, Region, road_numbers
 
 INPUTS = FIGURES + 8
 """How many numbers the model of types looks at."""
@@ -78,9 +78,7 @@ def survey(pair: RectifiedPair, found: Detections, regions: Sequence[Region] | N
     uvd = np.concatenate([region.surface_uvd_px for region in regions]) if n else np.zeros((0, 3))
     bounds = np.zeros(n + 1, np.int32)
     np.cumsum([len(region.surface_uvd_px) for region in regions], out=bounds[1:])
-    g = found.ground
-    road = np.full(5, np.nan) if g is None else np.array([*g.normal, g.height_m, g.bend_per_m])
-    twin = np.array([r.f_px, r.cx_px, r.cy_px, r.baseline_m])
+    road, twin = road_numbers(found.ground), r.numbers
     half = half_images(pair)[0]
     figures, edges, outlines = np.empty((n, FIGURES)), np.empty((n, 4)), np.empty((n, OUTLINE_FIGURES))
     contours, counts = np.empty((n, 2 * ROWS, 2), np.int32), np.empty(n, np.int32)
