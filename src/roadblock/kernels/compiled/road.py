@@ -45,19 +45,24 @@ def gather_candidates(
     bins = int(far / step) + 1
     count = np.zeros(bins, np.int32)
     place = np.empty(rows * columns, np.int32)
+    first, across, per_step = ((cell_w - 1) / 2 - cx) / f, cell_w / f, 1 / step
     i: Any
     for row in range(rows):
         v = (row * cell_h + (cell_h - 1) / 2 - cy) / f
+        if v * far <= 0.5 * low:
+            place[row * columns : (row + 1) * columns] = -1
+            continue
+        here = place[row * columns : (row + 1) * columns]
         for column in range(columns):
             d = np.float64(d_px[row, column])
             z = f * baseline / d
-            x = (column * cell_w + (cell_w - 1) / 2 - cx) / f * z - baseline / 2
+            x = first * z + across * column * z - baseline / 2
             y = v * z
             within = (d > 0) & (z < far) & (abs(x) < side) & (y > 0.5 * low) & (y < high + slope * z)
-            i = np.int32(z / step) if within else np.int32(-1)
-            place[row * columns + column] = i
-            if within:
-                count[i] += 1
+            here[column] = np.int32(z * per_step) if within else np.int32(-1)
+        for column in range(columns):
+            if here[column] >= 0:
+                count[here[column]] += 1
     # Every so many of a bin, so that the near road does not outvote the far one.
     stride = np.empty(bins, np.int32)
     for i in range(bins):
@@ -136,32 +141,30 @@ def fit_plane(
 ) -> int:
     """See `reference.road.fit_plane`."""
     fb, near, side, fade = scales
-    A[:] = 0
-    b[:] = 0
+    h, s, t = plane
+    # A pixel of disparity is z h / fb of y.
+    least_m, per_m = (by_m, 0.0) if by_m > 0 else (0.0, by_px * h / fb)
+    aside, away = 1 / side, 1 / fade
+    one = of_z = of_zz = of_x = of_xz = of_xx = y1 = yz = yx = 0.0
     on = 0
     for i in range(n):
-        x, y, z, d = points[i]
-        if z >= near:
-            continue
-        off = y - plane[0] - plane[1] * z - plane[2] * x
-        if by_m > 0:
-            if not abs(off) < by_m:
-                continue
-        elif not abs(d - (y - plane[1] * z - plane[2] * x) / z * fb / plane[0]) < by_px:
-            continue
-        w = 1 / np.sqrt(1 + (x / side) ** 2) / (1 + z / fade)
-        w *= w
-        zn = z / near
-        A[0, 0] += w
-        A[1, 0] += w * zn
-        A[1, 1] += w * zn * zn
-        A[2, 0] += w * x
-        A[2, 1] += w * x * zn
-        A[2, 2] += w * x * x
-        b[0] += w * y
-        b[1] += w * y * zn
-        b[2] += w * y * x
-        on += 1
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        if z < near and abs(y - h - s * z - t * x) < least_m + per_m * z:
+            q, r = x * aside, 1 + z * away
+            w = 1 / ((1 + q * q) * r * r)
+            one += w
+            of_z += w * z
+            of_zz += w * z * z
+            of_x += w * x
+            of_xz += w * x * z
+            of_xx += w * x * x
+            y1 += w * y
+            yz += w * y * z
+            yx += w * y * x
+            on += 1
+    A[0, 0], A[1, 0], A[1, 1] = one, of_z / near, of_zz / (near * near)
+    A[2, 0], A[2, 1], A[2, 2] = of_x, of_xz / near, of_xx
+    b[0], b[1], b[2] = y1, yz / near, yx
     fitted = np.empty(3)
     if on >= LEAST_POINTS and solve(A, b, fitted):
         plane[0] = fitted[0]
@@ -238,23 +241,23 @@ def draw_plane(
         if score > best[worst, 0]:
             best[worst, 0] = score
             best[worst, 1:] = candidate
-    top, on_top = -np.inf, 0
+    top = -np.inf
     for k in range(POLISHED):
         if best[k, 0] == -np.inf:
             continue
         candidate[:] = best[k, 1:]
-        on = 0
         for _ in range(POLISHES):
             fit_plane(near_points, m, candidate, tolerance_px, 0.0, scales, A, b)
         score = support(rays, m, candidate, fb, tolerance_px)
-        for i in range(m):
-            on += abs(rays[3, i] - (rays[1, i] - candidate[1] - candidate[2] * rays[0, i]) * fb / candidate[0]) < (
-                tolerance_px
-            )
         if score > top:
-            top, on_top = score, on
+            top = score
             plane[:] = candidate
-    return on_top >= minimum
+    if top == -np.inf:
+        return False
+    c, on = fb / plane[0], 0
+    for i in range(m):
+        on += abs(rays[3, i] - (rays[1, i] - plane[1] - plane[2] * rays[0, i]) * c) < tolerance_px
+    return on >= minimum
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -264,40 +267,40 @@ def bend(points: Floats, n: int, start: Floats, far: float, tolerance_m: float, 
     reach_x = ASIDE * side
     bent[:3] = start
     bent[3] = 0.0
-    A, b = np.empty((4, 4)), np.empty(4)
-    row = np.empty(4)
-    # Rows of a prior in the scaled unknowns (h, s*near, t, q*near^2): curvature near zero, the near plane near itself.
-    hold = np.array([HOLD[0] / near, HOLD[1] / near, HOLD[2], HOLD[3] / near])
+    A, b, fitted = np.empty((4, 4)), np.empty(4), np.empty(4)
+    # Weights of a prior in the scaled unknowns (h, s*near, t, q*near^2): no curvature, the near plane near itself.
+    hold = np.array([(HOLD[0] / near) ** 2, (HOLD[1] / near) ** 2, HOLD[2] ** 2, (HOLD[3] / near) ** 2])
     for step in range(GROWTH):
         reach = near + (far - near) * step / (GROWTH - 1)
-        A[:] = 0
-        b[:] = 0
+        h, s, t, q = bent
+        one = z1 = z2 = z3 = z4 = x1 = xz = xzz = xx = y1 = yz = yzz = yx = 0.0
         for i in range(n):
-            x, y, z, _ = points[i]
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
             slack = SLACK * tolerance_m + SLACK_PER_M * z
-            off = y - bent[0] - bent[1] * z - bent[2] * x - bent[3] * z * z
-            if not (abs(off) < slack and z < reach and abs(x) < reach_x):
-                continue
-            w = 1 / (slack * slack)
-            zn = z / near
-            row[0] = 1.0
-            row[1] = zn
-            row[2] = x
-            row[3] = zn * zn
-            for j in range(4):
-                for k in range(j + 1):
-                    A[j, k] += w * row[j] * row[k]
-                b[j] += w * row[j] * y
-        for j in range(4):
-            A[j, j] += hold[j] ** 2
-        b[0] += hold[0] ** 2 * start[0]
-        b[1] += hold[1] ** 2 * start[1] * near
-        b[2] += hold[2] ** 2 * start[2]
-        if solve(A, b, row):
-            bent[0] = row[0]
-            bent[1] = row[1] / near
-            bent[2] = row[2]
-            bent[3] = row[3] / (near * near)
+            if abs(y - h - s * z - t * x - q * z * z) < slack and z < reach and abs(x) < reach_x:
+                w = 1 / (slack * slack)
+                wz, wx, zz = w * z, w * x, z * z
+                one += w
+                z1 += wz
+                z2 += wz * z
+                z3 += wz * zz
+                z4 += w * zz * zz
+                x1 += wx
+                xz += wx * z
+                xzz += wx * zz
+                xx += wx * x
+                y1 += w * y
+                yz += wz * y
+                yzz += w * zz * y
+                yx += wx * y
+        per, per2 = 1 / near, 1 / (near * near)
+        A[0, 0], A[1, 0], A[1, 1] = one + hold[0], z1 * per, z2 * per2 + hold[1]
+        A[2, 0], A[2, 1], A[2, 2] = x1, xz * per, xx + hold[2]
+        A[3, 0], A[3, 1], A[3, 2], A[3, 3] = z2 * per2, z3 * per * per2, xzz * per2, z4 * per2 * per2 + hold[3]
+        b[0], b[1] = y1 + hold[0] * start[0], yz * per + hold[1] * start[1] * near
+        b[2], b[3] = yx + hold[2] * start[2], yzz * per2
+        if solve(A, b, fitted):
+            bent[0], bent[1], bent[2], bent[3] = fitted[0], fitted[1] * per, fitted[2], fitted[3] * per2
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -346,5 +349,6 @@ def find_road(
     road[:3] = plane
     road[3] = -bent[3]
     road[4] = on / n
-    road[5] = np.sort(depths[:on])[int(RANGE_SHARE * (on - 1))]
+    last = int(RANGE_SHARE * (on - 1))
+    road[5] = np.partition(depths[:on], last)[last]
     return True

@@ -91,7 +91,7 @@ def gather_candidates(d_px: Singles, cell_w: int, cell_h: int, twin: Floats, lim
     y = (row * cell_h + (cell_h - 1) / 2 - cy) / f * z
     within = (z < far) & (abs(x) < side) & (y > 0.5 * low) & (y < high + slope * z)
     candidates = np.stack([x, y, z, d], -1)[within]
-    place = (candidates[:, 2] / step).astype(np.int64)
+    place = (candidates[:, 2] * (1 / step)).astype(np.int64)
     kept = np.zeros(len(place), np.bool_)
     for i in np.unique(place):
         members = np.flatnonzero(place == i)
