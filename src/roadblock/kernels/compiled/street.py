@@ -95,31 +95,26 @@ def measure_free(
     """See `reference.street.measure_free`."""
     low, high, road = heights
     rows, columns = d_px.shape
-    # Of each cell, column by column: its bin if it stands, less than NOTHING if it is road.
-    bins = np.empty((columns, rows), np.int32)
-    k: Any
-    top: Any = 1
+    low32, high32, road32 = np.float32(low), np.float32(high), np.float32(road)
+    # Of each cell: its bin if it stands, less than NOTHING if it is road.
+    bins = np.empty((rows, columns), np.int32)
+    top: Any = np.int32(0)
     for row in range(rows):
         for column in range(columns):
             d, h = d_px[row, column], height[row, column]
-            k = NOTHING
-            if d > 0:
-                k = np.int32(d * BINS_PER_PX)
-                top = max(top, k + 1)
-                if not low < h < high:
-                    k = NOTHING - 1 - k if abs(h) < road else NOTHING
-            bins[column, row] = k
-    counts = np.zeros((columns, top + 1), np.int16)
-    roads = np.zeros((columns, top + 1), np.int16)
-    for column in range(columns):
-        for row in range(rows):
-            k = bins[column, row]
-            if k >= 0:
-                counts[column, k] += 1
-            elif k < NOTHING:
-                roads[column, NOTHING - 1 - k] += 1
-    standing = np.zeros(top + 1, np.int32)
-    seen = np.zeros(top + 1, np.int32)
+            known = d > 0
+            k = np.int32(d * np.float32(BINS_PER_PX)) if known else np.int32(0)
+            lies = NOTHING - np.int32(1) - k if abs(h) < road32 else NOTHING
+            stands = k if (low32 < h) & (h < high32) else lies
+            bins[row, column] = stands if known else NOTHING
+            top = max(top, k)
+    counts = np.zeros((columns, top + 2), np.int32)
+    for row in range(rows):
+        for column in range(columns):
+            k = bins[row, column]
+            counts[column, k if k >= 0 else top + 1] += 1
+    standing, seen = np.empty(top + 1, np.int32), np.empty(top + 1, np.int32)
+    below = np.zeros(top + 2, np.int32)  # how many stand in the bins before each
     behind = np.empty(top + 1, np.int64)
     for i in range(top + 1):
         # The bin of what lies as far behind bin i as things of one range may lie apart.
@@ -127,31 +122,33 @@ def measure_free(
         behind[i] = int(fb * BINS_PER_PX / (nearest + max(DEEP_M, DEEP_SHARE * nearest)))
     for column in range(columns):
         standing[:] = 0
-        seen[:] = 0
         first, end = max(0, column - spread), min(columns, column + spread + 1)
         for i in range(first, end):
+            own = counts[i]
             for k in range(top + 1):
-                standing[k] += counts[i, k]
-                seen[k] += roads[i, k]
+                standing[k] += own[k]
+        for k in range(top + 1):
+            below[k + 1] = below[k] + standing[k]
         free[column] = np.nan
         at: Any = np.int64(NOTHING)
         for i in range(top, -1, -1):
-            if standing[i] == 0:
-                continue
-            inside = 0
-            for k in range(behind[i], i + 1):
-                inside += standing[k]
-            if inside >= support:
-                wanted = min(max(float(STRAY), quantile * inside), inside)
-                passed = 0
+            if below[i + 1] < support:
+                break
+            inside = below[i + 1] - below[behind[i]]
+            if standing[i] > 0 and inside >= support:
+                wanted = below[i + 1] - min(max(float(STRAY), quantile * inside), inside)
                 for k in range(i, behind[i] - 1, -1):
-                    passed += standing[k]
-                    if passed >= wanted:
+                    if below[k] <= wanted:
                         at = k
                         break
                 break
         blocked[column] = at >= 0
         if at < 0:
+            seen[:] = 0
+            for row in range(rows):
+                for i in range(first, end):
+                    if bins[row, i] < NOTHING:
+                        seen[NOTHING - 1 - bins[row, i]] += 1
             passed = 0
             for k in range(top + 1):
                 passed += seen[k]
@@ -160,9 +157,9 @@ def measure_free(
                     break
         if at != NOTHING:
             total, n = 0.0, 0
-            for i in range(first, end):
-                for row in range(rows):
-                    if bins[i, row] == at:
+            for row in range(rows):
+                for i in range(first, end):
+                    if bins[row, i] == at:
                         total += d_px[row, i]
                         n += 1
             free[column] = fb / (total / n)
