@@ -271,19 +271,6 @@ def test_the_largest_images_hide_things_too() -> None:
         assert kept.tolist() == [True, False, False]
 
 
-@pytest.mark.parametrize("road", [ROAD, NO_ROAD], ids=["road", "none"])
-@pytest.mark.parametrize("sizes", [[1], [1, 2, 3, 4, 200], []], ids=["one", "many", "none"])
-def test_surfaces(sizes: list[int], road: np.ndarray) -> None:
-    rng = np.random.default_rng(10)
-    uvd = rng.uniform((0, 0, 0.5), (83, 50, 9), (sum(sizes), 3))
-    uvd[::3] = np.rint(uvd[::3] + 0.5)  # equal disparities
-    bounds = np.cumsum([0, *sizes]).astype(np.int32)
-    fast, slow = np.empty((len(sizes), 8)), np.empty((len(sizes), 8))
-    compiled.measure_surfaces(uvd, bounds, TWIN, road, 0.1, fast)
-    reference.measure_surfaces(uvd, bounds, TWIN, road, 0.1, slow)
-    np.testing.assert_allclose(fast, slow, rtol=1e-10, atol=1e-10)
-
-
 @pytest.mark.parametrize("share", [0.3, 0.5])
 @pytest.mark.parametrize("n", [0, 1, 2, 8])
 def test_what_is_seen_through(n: int, share: float) -> None:

@@ -15,7 +15,7 @@ from roadblock.kernels.compiled import edges
 from roadblock.kernels.compiled import street as kernels
 from roadblock.kernels.reference.street import BESIDE
 from roadblock.values.camera import Rectification
-from roadblock.values.checks import FloatArray
+from roadblock.values.checks import FloatArray, locked, unchecked
 from roadblock.values.frame import DisparityMap, Image
 from roadblock.values.scene import (
     NEAREST_FACE_PERCENT,
@@ -278,8 +278,10 @@ def _describe(
     sigma_px = np.hypot(locking_px, scatter_px).tolist()
     ends, starts = bounds[order + 1].tolist(), bounds[order].tolist()
     turns, seen_through = corners.tolist(), through.tolist()
+    outline, uvd, rgb = locked(outline), locked(uvd), locked(rgb)
     return tuple(
-        Region(
+        unchecked(
+            Region,
             box_px=tuple(box),
             contour_px=outline[turns[k] : turns[k + 1]],
             surface_uvd_px=uvd[starts[k] : ends[k]],

@@ -5,22 +5,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from roadblock.geometry.pose import transform, vehicle_from_car
-from roadblock.geometry.stereo import image_from_car, triangulate, triangulate_jacobian
+from roadblock.geometry.pose import vehicle_from_car
+from roadblock.geometry.stereo import triangulate
 from roadblock.geometry.uncertainty import calibration_cov
-from roadblock.kernels.compiled.street import measure_surfaces
+from roadblock.kernels.compiled import locate as kernels
+from roadblock.kernels.reference.locate import FIGURES
 from roadblock.values.camera import Rectification, StereoRig
-from roadblock.values.checks import FloatArray
-from roadblock.values.scene import NEAREST_FACE_PERCENT, GroundPlane, Obstacle, Region, road_numbers
-
-FACE_SHARE, DEPTH_SHARE = 0.04, 0.08
-"""What a detector takes along or leaves out moves the nearest face by such shares of a thing's size (the root of its
-width times its height) and of its depth, where that is seen (standard deviations)."""
-EDGE_PX, WIDTH_SHARE, HEIGHT_SHARE = 3.0, 0.14, 0.07
-"""How far the middle of the nearest face may lie beside the one measured (standard deviations): its edges lie between
-cells; which part of the width is nearest is decided by little; and what is narrow for its height may go on unseen."""
-FOOT_PX, FOOT_RAD, FOOT_FROM_M = 0.3, 0.002, 20.0
-"""The same for the foot: a row's share, and what the road's slope is off by, all of it where no road is seen."""
+from roadblock.values.checks import FloatArray, finite, locked, positive, unchecked
+from roadblock.values.scene import (
+    NEAREST_FACE_PERCENT,
+    UNRECOGNIZED,
+    GroundPlane,
+    Obstacle,
+    Region,
+    road_numbers,
+)
 
 
 def locate(
@@ -63,62 +62,39 @@ def locate_all(
     """Measure all regions of a frame at once; see `locate`."""
     if not regions:
         return []
-    r = rectification
+    r, road = rectification, road_numbers(ground)
     surfaces, sigmas = zip(*map(measured_surface, regions), strict=True)
     bounds = np.cumsum([0, *map(len, surfaces)]).astype(np.int32)
-    figures = np.empty((len(regions), 8))
-    near_share = NEAREST_FACE_PERCENT / 100
-    measure_surfaces(np.concatenate(surfaces), bounds, r.numbers, road_numbers(ground), near_share, figures)
-    range_m, far_m, left_m, right_m, middle_m, v_px, height_m, lowest_m = figures.T
+    figures, feet = np.empty((len(regions), 8)), np.empty((len(regions), FIGURES))
+    kernels.measure_surfaces(np.concatenate(surfaces), bounds, r.numbers, road, NEAREST_FACE_PERCENT / 100, figures)
     for i, region in enumerate(regions):
         if region.refined is not None:
-            range_m[i] = r.f_px * r.baseline_m / region.refined.nearest_d_px
-    feet = np.stack([middle_m, lowest_m if ground is None else ground.y_below(middle_m, range_m), range_m], -1)
-    scale = r.f_px / range_m
-    depth_m, per_m = far_m - range_m, scale * r.baseline_m / range_m
-    is_seen = depth_m > 3 * np.array(sigmas) / per_m
-    length_m = np.where(is_seen & (depth_m > 0.5), depth_m, np.nan)
-    width_m, tall_m = right_m - left_m, np.maximum(height_m, 0.0)
-    face_m = FACE_SHARE * np.sqrt(width_m * tall_m)
-    sigma_d_px = np.hypot(sigmas, per_m * np.hypot(face_m, np.where(is_seen, DEPTH_SHARE * depth_m, 0.0)))
-    uvd = np.stack([(middle_m + r.baseline_m / 2) * scale + r.cx_px, v_px, r.baseline_m * scale], -1)
-    cov_uvd = np.zeros((len(regions), 3, 3))
-    cov_uvd[:, 0, 0] = EDGE_PX**2 + ((WIDTH_SHARE * width_m) ** 2 + (HEIGHT_SHARE * tall_m) ** 2) * scale**2
-    cov_uvd[:, 1, 1] = FOOT_PX**2 + (r.f_px * FOOT_RAD * range_m / (range_m + FOOT_FROM_M)) ** 2
-    cov_uvd[:, 2, 2] = sigma_d_px**2
-    T = vehicle_from_car(T_vehicle_car)
-    J = T[:3, :3] @ _foot_jacobian(r, feet, ground)
-    cov_m2 = J @ cov_uvd @ J.swapaxes(1, 2)
-    sigma_m = range_m / uvd[:, 2] * sigma_d_px
-    sizes_m = np.stack([np.maximum(width_m, 1 / scale), height_m, length_m], -1)
-    positions_m = transform(T, feet)
-    ranges, range_sigmas = range_m.tolist(), sigma_m.tolist()
+            figures[i, 0] = r.f_px * r.baseline_m / region.refined.nearest_d_px
+    kernels.place_feet(figures, np.array(sigmas), r.numbers, road, vehicle_from_car(T_vehicle_car), feet)
+    # What `Obstacle` checks of one, of all at once.
+    positive("range_m", float(figures[:, 0].min()))
+    positions_m = finite("position_m", feet[:, :3], (-1, 3))
+    feet = locked(feet)
+    sizes_m, uvd_px, covs = feet[:, 4:7], feet[:, 7:10], feet[:, 10:].reshape(-1, 2, 3, 3)
+    ranges_m, sigmas_m = figures[:, 0].tolist(), feet[:, 3].tolist()
     return [
-        Obstacle(
+        unchecked(
+            Obstacle,
             position_m=positions_m[i],
-            range_m=ranges[i],
-            range_sigma_m=range_sigmas[i],
+            range_m=ranges_m[i],
+            range_sigma_m=sigmas_m[i],
             size_m=sizes_m[i],
-            uvd_px=uvd[i],
-            cov_uvd_px2=cov_uvd[i],
-            cov_match_m2=cov_m2[i],
+            uvd_px=uvd_px[i],
+            cov_uvd_px2=covs[i, 0],
+            cov_match_m2=covs[i, 1],
             box_px=region.box_px,
             contour_px=region.contour_px,
             color=colors[i],
             is_seen_through=region.is_seen_through,
+            **UNRECOGNIZED,
         )
         for i, region in enumerate(regions)
     ]
-
-
-def _foot_jacobian(r: Rectification, feet: FloatArray, ground: GroundPlane | None) -> FloatArray:
-    """Return (n, 3, 3) d(x, y, z) / d(u, v, d) of foot points, m/px; farther away a foot is farther along the road."""
-    J = triangulate_jacobian(r, image_from_car(r, feet))
-    if ground is not None:
-        n_x, n_y, n_z = ground.normal
-        to_z = n_z - 2 * ground.bend_per_m * feet[:, 2]
-        J[:, 1] = J[:, 1] * [0, 1, 0] - (n_x * J[:, 0] + to_z[:, None] * J[:, 2]) / n_y
-    return J
 
 
 def measured_surface(region: Region) -> tuple[FloatArray, float]:

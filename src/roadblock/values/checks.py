@@ -1,7 +1,7 @@
 """Checks that values make of themselves on construction. All cost O(1) in the image size."""
 
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from roadblock.errors import ValueRefusedError
 
 FloatArray = NDArray[np.float64]
+Value = TypeVar("Value")
 
 LARGEST_IMAGE_PX = 32766
 """Longest side of an image: what remapping can address."""
@@ -19,6 +20,16 @@ def locked(array: NDArray[Any]) -> NDArray[Any]:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def unchecked(kind: type[Value], **fields: Any) -> Value:
+    """Return a value of fields that its maker has checked, those of many values at once; the others must have defaults.
+
+    To check and lock each value alone costs as much as to measure it.
+    """
+    made = object.__new__(kind)
+    made.__dict__.update(fields)
+    return made
 
 
 def numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:

@@ -1,6 +1,7 @@
 """What a step finds: the ground, the free space, the obstacles, and the result of the frame."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,13 @@ EDGE_KINDS = ("none", "kerb", "verge")
 
 UNKNOWN_3 = locked(np.full(3, np.nan))
 NO_OUTLINE = locked(np.empty((0, 2)))
+UNRECOGNIZED: dict[str, Any] = {
+    "cov_calib_m2": UNKNOWN_COV,
+    "color_lab": UNKNOWN_3,
+    "class_odds": {},
+    "size_sigma_m": UNKNOWN_3,
+    "outline_m": NO_OUTLINE,
+}
 """What nobody has recognised yet."""
 
 HEALTH_STATES = ("ok", "degraded", "failed")

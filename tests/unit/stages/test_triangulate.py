@@ -8,8 +8,9 @@ from roadblock.geometry.pose import pose, rotation_from_rotvec
 from roadblock.geometry.projection import project, unproject
 from roadblock.geometry.stereo import triangulate
 from roadblock.geometry.uncertainty import calibration_cov, moved_rig
+from roadblock.kernels.reference.locate import FACE_PART
 from roadblock.stages.rectify import plan_rectification
-from roadblock.stages.triangulate import FACE_SHARE, add_calibration_error, locate
+from roadblock.stages.triangulate import add_calibration_error, locate
 from roadblock.values.camera import Camera, RigCovariance, StereoRig, rig_parameters
 from roadblock.values.checks import FloatArray
 from roadblock.values.scene import Obstacle, Region
@@ -106,7 +107,7 @@ def test_a_depth_that_stands_out_is_the_length() -> None:
 def test_the_sigma_of_the_range_is_the_one_of_the_disparity_propagated(z: float, sigma_d_px: float) -> None:
     """And, beside it, what the detector's cut does to the nearest face."""
     found = locate(region(wall(z, 0.0, 1.0, 0.0, 1.0), sigma_d_px), TWIN, GROUND)
-    face_m = FACE_SHARE * np.sqrt(found.size_m[0] * found.size_m[1])
+    face_m = FACE_PART * np.sqrt(found.size_m[0] * found.size_m[1])
     assert found.range_sigma_m == pytest.approx(np.hypot(z * z / (F * B) * sigma_d_px, face_m), rel=1e-9)
     assert found.cov_uvd_px2[2, 2] == pytest.approx(sigma_d_px**2 + (face_m * F * B / z**2) ** 2)
 

@@ -12,15 +12,12 @@ from roadblock.kernels.reference.street import (
     DEEP_M,
     DEEP_SHARE,
     DEPTH_SHARES,
-    FACE_SHARE,
-    FAR_SHARE,
     FULL_SHARE,
     HIDDEN_SHARE,
     LATTICE,
     NOTHING,
     ROAD_CELLS,
     SECOND_DIFFERENCE,
-    SIDE_SHARES,
     SLANT,
     SPREAD,
     STRAY,
@@ -98,6 +95,7 @@ def measure_free(
     low32, high32, road32 = np.float32(low), np.float32(high), np.float32(road)
     # Of each cell: its bin if it stands, less than NOTHING if it is road.
     bins = np.empty((rows, columns), np.int32)
+    k: Any
     top: Any = np.int32(0)
     for row in range(rows):
         for column in range(columns):
@@ -602,42 +600,3 @@ def find_stixels(
             if row >= 0:
                 last, first, n, total = row, row, 1, np.float64(d)
     return found
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def measure_surfaces(uvd: Floats, bounds: Ints, twin: Floats, road: Floats, near_share: float, out: Floats) -> None:
-    """See `reference.street.measure_surfaces`."""
-    f, cx, cy, baseline = twin
-    n_x, n_y, n_z, h, bend = road
-    scratch = np.empty(len(uvd))
-    z = np.empty(len(uvd))
-    for k in range(len(bounds) - 1):
-        a, n = bounds[k], bounds[k + 1] - bounds[k]
-        for i in range(n):
-            z[i] = f * baseline / uvd[a + i, 2]
-            scratch[i] = z[i]
-        out[k, 0] = quantile_of(scratch[:n], near_share)
-        out[k, 1] = quantile_of(scratch[:n], FAR_SHARE)
-        face_m = quantile_of(scratch[:n], max(FACE_SHARE - 1 / n, 0.0))
-        for i in range(n):
-            scratch[i] = (uvd[a + i, 0] - cx) / f * z[i] - baseline / 2
-        out[k, 2] = quantile_of(scratch[:n], SIDE_SHARES[0])
-        out[k, 3] = quantile_of(scratch[:n], SIDE_SHARES[1])
-        m = 0
-        for i in range(n):
-            if z[i] <= face_m or n == 1:
-                scratch[m] = (uvd[a + i, 0] - cx) / f * z[i] - baseline / 2
-                m += 1
-        out[k, 4] = (quantile_of(scratch[:m], SIDE_SHARES[0]) + quantile_of(scratch[:m], SIDE_SHARES[1])) / 2
-        for i in range(n):
-            scratch[i] = uvd[a + i, 1]
-        out[k, 5] = quantile_of(scratch[:n], 0.5)
-        top, bottom = np.inf, -np.inf
-        for i in range(n):
-            y = (uvd[a + i, 1] - cy) / f * z[i]
-            x = (uvd[a + i, 0] - cx) / f * z[i] - baseline / 2
-            scratch[i] = n_x * x + n_y * y + n_z * z[i] + h - bend * z[i] * z[i]
-            top, bottom = min(top, y), max(bottom, y)
-        # Without a road the height is the extent downwards.
-        out[k, 6] = quantile_of(scratch[:n], SIDE_SHARES[1]) if n_x == n_x else bottom - top
-        out[k, 7] = bottom

@@ -40,12 +40,6 @@ FULL_SHARE = 0.5
 """... if more than this of the nearer one is cells."""
 LATTICE, SPREAD = 2, 0.6
 """What encloses cells of a nearer thing in this share of its columns (or so many beside them) is behind a lattice."""
-FACE_SHARE = 0.3
-"""The nearest samples of a surface, whose middle is the obstacle's."""
-SIDE_SHARES = (0.01, 0.99)
-"""A surface's sides, and its top, lie here."""
-FAR_SHARE = 0.95
-"""A surface's far end lies here."""
 SECOND_DIFFERENCE = 1.4826 / np.sqrt(1.5)
 """From the median of |d - mean of two neighbours| to one standard deviation of d."""
 
@@ -604,37 +598,3 @@ def find_stixels(
                 found += 1
             run = [row]
     return found
-
-
-def measure_surfaces(uvd: Floats, bounds: Ints, twin: Floats, road: Floats, near_share: float, out: Floats) -> None:
-    """Write where each surface is, car frame, metres.
-
-    Parameters
-    ----------
-    uvd
-        (m, 3) samples of one surface after the other: column, row, disparity > 0, pixels.
-    bounds
-        (n + 1,) where each begins, and where the last ends; none is empty.
-    twin, road
-        See the module.
-    near_share
-        Quantile of the ranges that is the nearest face.
-    out
-        (n, 8), written: range of the nearest face; of the far end; x of the left and the right side; x of the middle of
-        the nearest face (of the nearest `FACE_SHARE`, less one sample); median row, pixels; height over the road, or
-        without one the extent downwards; y of the lowest sample.
-    """
-    f, cx, cy, baseline = twin
-    n_x, n_y, n_z, h, bend = road
-    for k in range(len(bounds) - 1):
-        u, v, d = uvd[bounds[k] : bounds[k + 1]].T
-        z = f * baseline / d
-        x, y = (u - cx) / f * z - baseline / 2, (v - cy) / f * z
-        face = x[z <= np.quantile(z, max(FACE_SHARE - 1 / len(z), 0.0))]
-        height = np.quantile(n_x * x + n_y * y + n_z * z + h - bend * z * z, SIDE_SHARES[1])
-        out[k, :2] = np.quantile(z, [near_share, FAR_SHARE])
-        out[k, 2:4] = np.quantile(x, SIDE_SHARES)
-        out[k, 4] = np.quantile(face, SIDE_SHARES).mean()
-        out[k, 5] = np.median(v)
-        out[k, 6] = np.ptp(y) if np.isnan(n_x) else height
-        out[k, 7] = y.max()
