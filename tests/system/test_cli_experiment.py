@@ -218,7 +218,7 @@ def test_what_is_not_ours_is_not_overwritten(tmp_path, quick, text):
     (tmp_path / "result.json").write_text(text, "latin-1")
     head = {"experiment": "table2", "settings": {"seed": 0, "runs": 1}}
     with pytest.raises(OutputError, match=r"is no result of this experiment .*--out"):
-        experiment.earlier(tmp_path / "result.json", head)
+        experiment.earlier(tmp_path / "result.json", head, experiment.rows)
     assert run("--runs", 1, "--out", tmp_path).exit_code != 0
     assert (tmp_path / "result.json").read_text("latin-1") == text
     assert not quick

@@ -1,6 +1,5 @@
 """`roadblock experiment`: the paper's experiment in the simulated world, every detector beside the paper's figures."""
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -16,11 +15,12 @@ from numpy.typing import NDArray
 import roadblock
 from roadblock.cli.detect import INTERRUPTED, rig_record
 from roadblock.cli.experiment_range import range_experiment
+from roadblock.cli.resume import earlier
 from roadblock.cli.rig import FormatOption, SizeOption, UnitOption, open_rig
 from roadblock.cli.terminal import note, progress_bar, say, show_table
 from roadblock.config import make_settings
 from roadblock.detectors import DETECTORS
-from roadblock.errors import MissingExtraError, OutputError
+from roadblock.errors import MissingExtraError
 from roadblock.eval.accuracy import Reading, read_frame
 from roadblock.eval.table2 import TARGETS, Target, compare, index_of, paper_records, reading_record, rows
 from roadblock.geometry.pose import pose, rotation_from_rotvec
@@ -48,8 +48,9 @@ METHODS: dict[str, dict[str, Any]] = {
     **{name: {"detector": name} for name in DETECTORS},
     "dense_bm": {"detector": "dense", "match": {"matcher": "bm", "block_px": 15}},
     "dense_region": {"detector": "dense", "match": {"matcher": "region", "block_px": 21}},
+    "cells_refined": {"detector": "cells", "refine": {"level": "fast"}},
 }
-"""What measures, and its settings: every detector, and `dense` with its other matchers."""
+"""What measures, and its settings: every detector, `dense` with its other matchers, and `cells` refined."""
 FRAME_S = 0.1
 """From picture to picture: the one nearest to the marks is taken up to half of it before or behind them."""
 NOD_DEG = 0.2
@@ -100,39 +101,12 @@ def table2(
         "commit": package_commit(),
         "settings": asked,
     }
-    readings = earlier(out / RESULT, head)
+    readings = earlier(out / RESULT, head, rows)
     done = run(head, readings, cameras, out / RESULT)
     report(done, out)
     if done["interrupted"]:
         note(f"interrupted after run {done['runs_done']} of {runs}; the same command goes on from there")
         raise typer.Exit(INTERRUPTED)
-
-
-def earlier(path: Path, head: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the readings of an interrupted run of the same code and settings, to go on from; else none.
-
-    Raises
-    ------
-    OutputError
-        If `path` is there and no result of this experiment.
-    """
-    try:
-        found = json.loads(path.read_bytes())
-        if found["experiment"] != head["experiment"]:
-            raise ValueError
-        readings, interrupted = list(found["readings"]), bool(found["interrupted"])
-        rows(readings)
-        before = {key: found[key] for key in head} | {"settings": found["settings"] | {"runs": None}}
-    except FileNotFoundError:
-        return []
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise OutputError(
-            f"{path} is no result of this experiment and would be overwritten: choose another folder with --out"
-        ) from error
-    wanted = {**head, "settings": head["settings"] | {"runs": None}}
-    first, count = head["settings"]["seed"], head["settings"]["runs"]
-    same = interrupted and before == wanted
-    return [r for r in readings if r["seed"] in range(first, first + count)] if same else []
 
 
 def run(head: Mapping[str, Any], readings: Sequence[Mapping[str, Any]], rig: StereoRig, path: Path) -> dict[str, Any]:

@@ -59,7 +59,8 @@ def page(result: Record) -> str:
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>Ranges, measured</title><style>{STYLE}</style></head><body>
 <h1>Ranges, measured</h1>
-<p>{result["runs_done"]} simulated line-ups at each range. ANEES (3-D, own segmentation): {result["anees"]}.
+<p>{result["runs_done"]} simulated line-ups at each range. ANEES (3-D, own
+segmentation): {result["anees"]}, as detected {result["anees_as_detected"]}.
 What each detector is, and what is counted, is told in docs/experiments.md.</p>
 <div class="scroll">{draw_ranges(result)}</div>
 {tables}
