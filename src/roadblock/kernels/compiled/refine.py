@@ -18,6 +18,7 @@ from roadblock.kernels.reference.refine import (
     MOST_BLOCKS,
     PHASES,
     PRIOR_BLOCKS,
+    RIM_PX,
     ROBUST,
     SEARCH_PX,
     SETTLED_PX,
@@ -276,6 +277,7 @@ def fill_template(left, box, step, mean, noise2, model, mask, lines, template, s
             there = load_reals(mask, y, x)
             within = there * load_reals(mask, y, x - 1) * load_reals(mask, y, x + 1)
             known, inside = known + there, inside + within
+            within = within * load_reals(mask, y, x - RIM_PX) * load_reals(mask, y, x + RIM_PX)
             exposed = lesser(one, lesser(white - level, level))
             gg = exposed * g * g
             rim = rim + (there - within) * gg

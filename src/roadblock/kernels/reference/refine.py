@@ -26,6 +26,7 @@ ITERATIONS, SWEEPS, SEARCH_PX, FURTHEST_STEP_PX = 5, 4, 2, 0.7
 SETTLED_PX = 2e-3
 """Iterations end when the mean moves by less."""
 
+RIM_PX = 1
 CORE_PX = 8
 """A detector's cut takes along no more than so much background at either side."""
 
