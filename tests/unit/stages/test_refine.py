@@ -11,6 +11,7 @@ from roadblock.errors import ValueRefusedError
 from roadblock.kernels.compiled.refine import survey
 from roadblock.kernels.reference.refine import cell_size
 from roadblock.stages.refine import RefineSettings, refine
+from roadblock.values.camera import Rectification
 from roadblock.values.frame import RectifiedPair
 from roadblock.values.scene import Refinement, Region
 
@@ -125,3 +126,27 @@ def test_a_refinement_without_a_sigma_is_refused() -> None:
     good = Refinement(5.0, 0.02, 5.1, 0.03, 0.4, 2.0, 0.9)
     with pytest.raises(ValueRefusedError, match="sigma_nearest_d_px"):
         replace(good, sigma_nearest_d_px=0.0)
+
+
+def test_shape_follows_a_large_wavy_surface_more_finely() -> None:
+    height, width, rng = 300, 420, np.random.default_rng(3)
+    v, u = np.mgrid[:height, :width].astype(float)
+    true_px = 12 + 1.5 * np.sin(2 * np.pi * v / 96)
+    images = []
+    for shift_px in (np.zeros_like(v), true_px):
+        waves = np.random.default_rng(4).uniform((-0.9, -0.3, 0), (0.9, 0.3, 6.3), (40, 3))
+        image = 120 + sum((5 * np.cos(a * (u + shift_px) + b * v + c) for a, b, c in waves), np.zeros_like(u))
+        images.append(np.clip(np.rint(image + rng.standard_normal(u.shape)), 0, 255).astype(np.uint8))
+    wavy = RectifiedPair(*images, Rectification(300.0, 209.5, 149.5, 0.2, (width, height)))
+    columns, rows = 60 + 4 * np.arange(75) + 1.5, 24 + 4 * np.arange(60) + 1.5
+    surface = np.stack([*np.meshgrid(columns, rows), np.full((60, 75), 12.2)], -1).reshape(-1, 3)
+    whole = Region((60, 24, 360, 264), np.zeros((0, 2), np.int32), surface, 0.8, np.full(3, np.nan))
+    seen = true_px[24:264, 60:360]
+    errors = {}
+    for level in ("fast", "shape"):
+        fit = refine(wavy, [whole], RefineSettings(level=level))[0].refined
+        assert fit is not None
+        errors[level] = abs(fit.nearest_d_px - np.percentile(seen, 90))
+        assert abs(fit.mean_d_px - 1 / np.mean(1 / seen)) < 0.05
+    assert errors["shape"] < 0.15
+    assert errors["shape"] < errors["fast"] / 2

@@ -5,6 +5,7 @@ import numpy as np
 
 from roadblock.kernels.reference.refine import (
     BLOCK_PX,
+    CORE_OF,
     CORE_PX,
     FIGURES,
     FURTHEST_STEP_PX,
@@ -13,9 +14,7 @@ from roadblock.kernels.reference.refine import (
     LEAST_ENERGY,
     LEAST_NOISE,
     LEAST_WEIGHT,
-    MANY_PIXELS,
     MISFIT,
-    MOST_BLOCKS,
     PHASES,
     PRIOR_BLOCKS,
     RIM_PX,
@@ -26,6 +25,7 @@ from roadblock.kernels.reference.refine import (
     SWEEPS,
     TAPS,
     TENTH,
+    THIN,
     WORST_PX,
     interpolation,
 )
@@ -49,14 +49,14 @@ def refine_regions(left, right, first, uvd, model):  # type: ignore[no-untyped-d
         u0, v0, u1, v1 = boxes[i, 0], boxes[i, 1], boxes[i, 2], boxes[i, 3]
         if u1 <= u0 or v1 <= v0:
             continue
-        b, step, across, _ = grid(boxes[i], first[i + 1] - first[i])
+        b, step, across, _ = grid(boxes[i], first[i + 1] - first[i], model)
         rows, wide = (v1 - v0 + step - 1) // step, across * b + 2 * MARGIN
         most, most_wide = max(most, rows * wide), max(most_wide, wide)
         most_right = max(most_right, rows * (wide + int(near - far) + 8))
     planes = np.empty((4, most), np.float32)
     beside = np.empty(most_right, np.float32)
     lines = np.empty((2, most_wide + left.shape[1] + 64), np.float32)
-    blocks = np.empty((8, MOST_BLOCKS))
+    blocks = np.empty((8, model.most_blocks))
     for i in range(n):
         if boxes[i, 2] > boxes[i, 0] and boxes[i, 3] > boxes[i, 1]:
             samples = uvd[first[i] : first[i + 1]]
@@ -88,13 +88,13 @@ def bounds(uvd, shape, box):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def grid(box, cells):  # type: ignore[no-untyped-def]
+def grid(box, cells, model):  # type: ignore[no-untyped-def]
     """Return width of the blocks (they are twice as high), every which row counts, and blocks across and down."""
     height, width = box[3] - box[1], box[2] - box[0]
     b = BLOCK_PX
-    while ((height + 2 * b - 1) // (2 * b)) * ((width + b - 1) // b) > MOST_BLOCKS:
+    while ((height + 2 * b - 1) // (2 * b)) * ((width + b - 1) // b) > model.most_blocks:
         b += BLOCK_PX
-    step = int(np.ceil(np.sqrt(cells * box[4] * box[5] / MANY_PIXELS)))
+    step = int(np.ceil(np.sqrt(cells * box[4] * box[5] / model.many_pixels)))
     return b, min(max(step, 1), b), (width + b - 1) // b, (height + 2 * b - 1) // (2 * b)
 
 
@@ -102,7 +102,7 @@ def grid(box, cells):  # type: ignore[no-untyped-def]
 def refine_region(left, right, box, uvd, planes, beside, lines, blocks, fir, model, figures):  # type: ignore[no-untyped-def]
     """Refine one region: its box, its samples, scratch, and where its figures go."""
     u0, v0, height = box[0], box[1], box[3] - box[1]
-    b, step, across, down = grid(box, len(uvd))
+    b, step, across, down = grid(box, len(uvd), model)
     n, rows, wide = across * down, (height + step - 1) // step, across * b + 2 * MARGIN
     d, target, inform, count, sums = blocks[0, :n], blocks[1, :n], blocks[2, :n], blocks[3, :n], blocks[4:, :n]
     mask = planes[0, : rows * wide].reshape(rows, wide)
@@ -259,12 +259,14 @@ def nearest(d, count, scratch):  # type: ignore[no-untyped-def]
 def fill_template(left, box, step, mean, noise2, model, mask, lines, template, slope, weight):  # type: ignore[no-untyped-def]
     """Fill in grey levels, slopes along the row, and weights; return the shares inside: of pixels, and of energy."""
     rows, wide = mask.shape
-    away = (CORE_PX + step - 1) // step
+    inset = min(CORE_PX, max((box[2] - box[0]) // CORE_OF, RIM_PX))
+    away = (inset + step - 1) // step
     line = lines[0:1]
     low = box[0] - MARGIN - 2
     first, last = max(2 - box[0], 0), min(left.shape[1] - 2 - box[0], wide - 2 * MARGIN)  # columns whose slope is known
     one, white, eighth, twelfth = eight(1.0), eight(255.0), eight(8.0), eight(1 / 12)
     rim, inside, known = eight(0.0), eight(0.0), eight(0.0)
+    thin_rim, deeper = eight(0.0), eight(0.0)
     all_gg, core_gg, core_n = eight(0.0), eight(0.0), eight(0.0)
     mask[:, MARGIN : MARGIN + first] = 0
     mask[:, MARGIN + last :] = 0
@@ -276,26 +278,29 @@ def fill_template(left, box, step, mean, noise2, model, mask, lines, template, s
             g = (eighth * near - load_reals(line, 0, x + 4) + load_reals(line, 0, x)) * twelfth
             there = load_reals(mask, y, x)
             within = there * load_reals(mask, y, x - 1) * load_reals(mask, y, x + 1)
-            known, inside = known + there, inside + within
-            within = within * load_reals(mask, y, x - RIM_PX) * load_reals(mask, y, x + RIM_PX)
+            deep = within * load_reals(mask, y, x - RIM_PX) * load_reals(mask, y, x + RIM_PX)
+            known, inside, deeper = known + there, inside + within, deeper + deep
             exposed = lesser(one, lesser(white - level, level))
             gg = exposed * g * g
-            rim = rim + (there - within) * gg
+            thin_rim, rim = thin_rim + (there - within) * gg, rim + (there - deep) * gg
             all_gg = all_gg + there * gg
             if away <= y < rows - away:
-                core = exposed * load_reals(mask, y, x - CORE_PX) * load_reals(mask, y, x + CORE_PX)
+                core = exposed * load_reals(mask, y, x - inset) * load_reals(mask, y, x + inset)
                 core = core * there * load_reals(mask, y - away, x) * load_reals(mask, y + away, x)
                 core_gg, core_n = core_gg + core * g * g, core_n + core
             store_reals(template, y, x, level)
             store_reals(slope, y, x, g)
-            store_reals(weight, y, x, exposed * (there + within))  # 1 along the outline, 2 inside
+            store_reals(weight, y, x, exposed * (there + within + deep))  # 1 along the outline, 3 deep inside
+    # What is thin has an outline of one pixel, or nothing would be left of it.
+    is_thin = np.float64(total(deeper)) < THIN * np.float64(total(known))
     rim_px2 = (model.rim_m * mean * mean / model.f_baseline) ** 2 + model.rim_px**2
-    share = eight(noise2 / (noise2 + np.float64(total(rim)) * rim_px2))
+    rim_gg = np.float64(total(thin_rim)) if is_thin else np.float64(total(rim))
+    share, outline = eight(noise2 / (noise2 + rim_gg * rim_px2)), eight(1.0 if is_thin else 2.0)
     for y in range(rows):
         for x in range(MARGIN, wide - MARGIN, 8):
             w = load_reals(weight, y, x)
-            at_least_one = lesser(one, w)
-            store_reals(weight, y, x, w - at_least_one + (at_least_one + at_least_one - w) * share)
+            inner = lesser(one, w - lesser(w, outline))
+            store_reals(weight, y, x, inner + (lesser(one, w) - inner) * share)
     n, level2 = np.float64(total(core_n)), noise2 / 2
     core = max(np.float64(total(core_gg)) - GRADIENT_NOISE * level2 * (1.3 * n + 3 * np.sqrt(n)), 0.0)
     return np.float64(total(inside)) / max(np.float64(total(known)), 1.0), core / max(np.float64(total(all_gg)), 1e-9)

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 TAPS, PHASES = 8, 256
 """Taps of the interpolation, and steps of a pixel it is tabulated in."""
 
-BLOCK_PX, MOST_BLOCKS, MANY_PIXELS = 8, 256, 1024
-"""Blocks are so wide and twice as high, and both are doubled, tripled ... until a region has no more than so many;
-of a region of n times so many pixels every sqrt(n)th row is looked at."""
+BLOCK_PX = 8
+"""Blocks are so wide and twice as high, and both are doubled, tripled ... until a region has no more than its `Model`
+allows."""
 
 ITERATIONS, SWEEPS, SEARCH_PX, FURTHEST_STEP_PX = 5, 4, 2, 0.7
 """Of Gauss-Newton, of Gauss-Seidel within each, the integer search's reach, and a block's longest step."""
@@ -26,9 +26,10 @@ ITERATIONS, SWEEPS, SEARCH_PX, FURTHEST_STEP_PX = 5, 4, 2, 0.7
 SETTLED_PX = 2e-3
 """Iterations end when the mean moves by less."""
 
-RIM_PX = 1
-CORE_PX = 8
-"""A detector's cut takes along no more than so much background at either side."""
+RIM_PX, THIN, CORE_PX, CORE_OF = 2, 0.3, 8, 4
+"""What is no farther inside of the outline shows what is behind, too (of a thing that has less than this share farther
+inside, one pixel); and a detector's cut takes along no more than so much background at either side, nor than one in so
+many pixels of its width."""
 
 WORST_PX = 900.0
 """A squared difference counts no more than this in the integer search."""
@@ -119,6 +120,8 @@ class Model(NamedTuple):
         for what is wide is often deep; and at most.
     rim_m, rim_px
         How far its outline lies behind its mean surface, and how far what is behind it pulls the outline.
+    most_blocks, many_pixels
+        A region is cut into no more blocks; of one of n times so many pixels every sqrt(n)th row is looked at.
     """
 
     f_px: float
@@ -131,6 +134,8 @@ class Model(NamedTuple):
     relief_most_m: float = 1.0
     rim_m: float = 0.0
     rim_px: float = 0.01
+    most_blocks: int = 256
+    many_pixels: int = 1024
 
 
 def interpolation() -> NDArray[np.float32]:
@@ -219,9 +224,9 @@ def refine_region(
 ) -> Floats:
     """Return the figures of one region, its coarse disparities and their cells given in a box at (u0, v0)."""
     nothing, side = np.full(len(FIGURES), np.nan), BLOCK_PX
-    while -(-coarse.shape[0] // (2 * side)) * -(-coarse.shape[1] // side) > MOST_BLOCKS:
+    while -(-coarse.shape[0] // (2 * side)) * -(-coarse.shape[1] // side) > model.most_blocks:
         side += BLOCK_PX
-    step = min(max(int(np.ceil(np.sqrt(area / MANY_PIXELS))), 1), side)
+    step = min(max(int(np.ceil(np.sqrt(area / model.many_pixels))), 1), side)
     v, u = (at.ravel() for at in np.mgrid[0 : coarse.shape[0] : step, : coarse.shape[1]])
     there = coarse[v, u] > 0
     pixels = int(there.sum())
@@ -308,18 +313,19 @@ def template_of(
     """
     x, image = u + u0, left.astype(float)
     known = (coarse[v, u] > 0) & (x >= 2) & (x < left.shape[1] - 2)
-    c, usable = CORE_PX, coarse > 0
+    c, usable = min(CORE_PX, max(coarse.shape[1] // CORE_OF, RIM_PX)), coarse > 0
     usable[:, : max(2 - u0, 0)], usable[:, max(left.shape[1] - 2 - u0, 0) :] = False, False
     a = -(-c // step) * step
     beside = np.pad(usable, ((a, a), (c, c)))
     within = known & beside[v + a, u + c - 1] & beside[v + a, u + c + 1]
+    deeper = within & beside[v + a, u + c - RIM_PX] & beside[v + a, u + c + RIM_PX]
     deep = known & beside[v + a, u] & beside[v + a, u + 2 * c] & beside[v, u + c] & beside[v + 2 * a, u + c]
     at = [image[v + v0, (x + shift).clip(0, left.shape[1] - 1)] for shift in (-2, -1, 1, 2)]
     slope = np.where(known, (8 * (at[2] - at[1]) - at[3] + at[0]) / 12, 0.0)
     level = image[v + v0, x]
     exposed = ((level > 0) & (level < 255)).astype(float)
     rim_px2 = (model.rim_m * mean * mean / model.f_baseline) ** 2 + model.rim_px**2
-    noise2, rim = 2 * model.noise**2, known & ~within
+    noise2, rim = 2 * model.noise**2, known & ~(within if deeper.sum() < THIN * known.sum() else deeper)
     gg, n = exposed * slope**2, float((exposed * deep).sum())
     share = noise2 / (noise2 + gg[rim].sum() * rim_px2)
     core = max(gg[deep].sum() - GRADIENT_NOISE * model.noise**2 * (1.3 * n + 3 * np.sqrt(n)), 0) / max(

@@ -16,6 +16,9 @@ from roadblock.values.scene import Refinement, Region
 
 Gray = NDArray[np.uint8]
 
+LEVELS: dict[str, dict[str, int]] = {"fast": {}, "shape": {"most_blocks": 4096, "many_pixels": 1 << 30}}
+"""How finely a region is looked at."""
+
 SETTLED_PX, FARTHEST_PX, LEAST_USED, LEAST_PIXELS, LEAST_INNER = 0.05, 3.0, 0.3, 24, 0.1
 """A fit counts whose last step was no larger, which ended no farther from the coarse disparity, and that explains this
 share of its pixels, of which there are at least so many and this share inside the outline: what is two pixels wide
@@ -30,7 +33,7 @@ FLOOR_PX, NEAREST_M = 0.006, 0.02
 """What the blocks' scatter and the relief that the fit could not resolve do to the mean and to the nearest face; and
 what is left: of both, pixels; and of the nearest face, of which a detector misses the lowest part, metres."""
 
-OWN_LOOKS, DOUBT = 0.1, 0.6
+OWN_LOOKS, DOUBT = 0.05, 0.4
 """Where less than this share of the energy is surely the thing's own, the fit may be that of the background around it:
 then it is unsure by so much of how far it moved from what the detector saw, or of that one's standard deviation."""
 
@@ -57,7 +60,7 @@ def refine(pair: RectifiedPair, regions: Sequence[Region], settings: RefineSetti
     left, right, r = to_gray8(pair.left), to_gray8(pair.right), pair.rectification
     surfaces = [region.surface_uvd_px for region in regions]
     first = np.cumsum([0, *map(len, surfaces)])
-    model = Model(r.f_px, r.f_px * r.baseline_m, *survey(left, right))
+    model = Model(r.f_px, r.f_px * r.baseline_m, *survey(left, right), **LEVELS[settings.level])
     figures = refine_regions(left, right, first, np.concatenate(surfaces), model)
     return tuple(
         replace(region, refined=judged(row, region, model.f_baseline))

@@ -10,7 +10,9 @@ class RefineSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    level: Literal["fast", "off"] = Field("off", description="fast: least squares over a region; off: as detected.")
+    level: Literal["shape", "fast", "off"] = Field(
+        "off", description="fast: least squares over a region; shape: of all its pixels, finer; off: as detected."
+    )
 
     @field_validator("level", mode="before")
     @classmethod
