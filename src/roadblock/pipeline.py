@@ -11,6 +11,7 @@ from roadblock.errors import SourceError
 from roadblock.stages.egomotion import Odometer
 from roadblock.stages.fuse import FreeSpaceMemory
 from roadblock.stages.health import judge, looks_swapped
+from roadblock.stages.match import stereo_network
 from roadblock.stages.recognize import NetworkRecognizer, make_recognizer, weigh_motion
 from roadblock.stages.rectify import plan_rectification, rectify
 from roadblock.stages.refine import refine
@@ -55,6 +56,12 @@ class Pipeline:
     def network_sha256(self) -> str | None:
         """Hash of the network that names types; None where none does."""
         return self._recognize.session.sha256 if isinstance(self._recognize, NetworkRecognizer) else None
+
+    @property
+    def matcher_sha256(self) -> str | None:
+        """Hash of the network that matches; None where none does."""
+        is_used = self.settings.detector == "dense" and self.settings.match.matcher == "onnx"
+        return stereo_network(self.settings.match).session.sha256 if is_used else None
 
     def step(self, pair: StereoPair) -> tuple[FrameResult, RectifiedPair]:
         """Find every obstacle in one pair.

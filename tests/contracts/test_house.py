@@ -56,7 +56,7 @@ def test_the_video_library_has_one_door_in_and_one_out() -> None:
 
 
 def test_the_network_library_has_one_door() -> None:
-    assert importers("onnxruntime") == {"session.py"}
+    assert importers("onnxruntime") == {"network.py"}
 
 
 def test_settings_reach_no_further_than_the_stages() -> None:

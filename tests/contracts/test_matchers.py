@@ -47,7 +47,7 @@ def check(disparity: DisparityMap, width: int) -> None:
 
 
 def test_the_table_holds_what_the_settings_offer() -> None:
-    assert set(MATCHERS) == set(get_args(MatchSettings.model_fields["matcher"].annotation))
+    assert {*MATCHERS, "onnx"} == set(get_args(MatchSettings.model_fields["matcher"].annotation))
 
 
 @pytest.mark.parametrize("d_px", [2, 9, 31])

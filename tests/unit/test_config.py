@@ -119,7 +119,7 @@ def test_an_unknown_key_lists_the_known_ones() -> None:
         (["match.disparities=100"], "multiple of 16"),
         (["match.disparities=[64]"], "= [64]: Input should be a valid integer"),
         (["match.block_px=4"], "setting match.block_px = 4: must be odd"),
-        (["match.matcher=elas"], "'sgbm' or 'bm'"),
+        (["match.matcher=elas"], "'bm' or 'onnx'"),
         (["detector=3"], "setting detector = 3: Input should be a valid string"),
         (["ground.height_m=[2, 1]"], "the first must be below the second"),
         (["ground.height_m=[1]"], "ground.height_m.1"),

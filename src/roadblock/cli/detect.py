@@ -162,8 +162,9 @@ def _record(
         frames=tally.frames,
         interrupted=tally.interrupted,
     )
-    hashes = [pipeline.network_sha256 for pipeline in pipelines.values() if pipeline.network_sha256]
-    return record | ({"network_sha256": hashes[0]} if hashes else {})
+    names = ("network_sha256", "matcher_sha256")
+    hashes = {name: [getattr(pipeline, name) for pipeline in pipelines.values()] for name in names}
+    return record | {name: values[0] for name, values in hashes.items() if values and values[0]}
 
 
 def rig_record(rig: StereoRig) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from roadblock.config import Settings
 from roadblock.stages.ground import RoadFinder
-from roadblock.stages.match import match
+from roadblock.stages.match import match, stereo_network
 from roadblock.stages.segment import find_free_space, find_regions, find_stixels, lift, to_cells
 from roadblock.values.frame import RectifiedPair
 from roadblock.values.scene import Detections
@@ -17,8 +17,18 @@ REGION_CELL_PX, FREE_CELL_PX = 4, 2
 
 
 def dense(settings: Settings) -> Callable[[RectifiedPair], Detections]:
-    """Return the detector; the road of the last frame lives as long as it does."""
+    """Return the detector; the road of the last frame lives as long as it does.
+
+    Raises
+    ------
+    SettingsError
+        If the matcher is a network, and it cannot be used.
+    MissingExtraError
+        If the library for networks is not installed then.
+    """
     find_road = RoadFinder(settings.ground)
+    if settings.match.matcher == "onnx":
+        stereo_network(settings.match)  # what is wrong with it is said before the first frame
 
     def detect(pair: RectifiedPair) -> Detections:
         clock = [perf_counter()]

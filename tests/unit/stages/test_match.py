@@ -71,7 +71,7 @@ def test_the_noise_is_the_settings_own_and_inputs_are_untouched() -> None:
         ({"block_px": 4}, "must be odd"),
         ({"block_px": 23}, "less than or equal to 21"),
         ({"disparities": 100}, "multiple of 16"),
-        ({"matcher": "none"}, "'sgbm' or 'bm'"),
+        ({"matcher": "none"}, "'bm' or 'onnx'"),
         ({"mode": "best"}, "'hh4'"),
         ({"sigma_px": float("nan")}, "finite"),
         ({"sigma_px": 0}, "greater than 0"),

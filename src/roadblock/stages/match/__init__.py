@@ -1,15 +1,16 @@
-"""Match: RectifiedPair in, DisparityMap out. OpenCV's BM and SGBM and the paper's region matching, in one table."""
+"""Match: RectifiedPair in, DisparityMap out. OpenCV's BM and SGBM, the paper's region matching, and networks."""
 
 import numpy as np
 
 from roadblock.kernels.gray import gray8
+from roadblock.stages.match.network import stereo_network
 from roadblock.stages.match.opencv import in_pixels, match_bm, match_sgbm
 from roadblock.stages.match.region import match_region
 from roadblock.stages.match.settings import Matcher, MatchSettings
 from roadblock.stages.match.views import balance, is_blank, match_both_ways
 from roadblock.values.frame import DisparityMap, RectifiedPair
 
-__all__ = ["MATCHERS", "MatchSettings", "Matcher", "match", "match_bm", "match_region", "match_sgbm"]
+__all__ = ["MATCHERS", "MatchSettings", "Matcher", "match", "match_bm", "match_region", "match_sgbm", "stereo_network"]
 
 MATCHERS: dict[str, Matcher] = {
     "sgbm": in_pixels(match_sgbm),
@@ -20,6 +21,10 @@ MATCHERS: dict[str, Matcher] = {
 
 def match(pair: RectifiedPair, settings: MatchSettings) -> DisparityMap:
     """Return the dense disparity map of the left image; NaN where the matcher found none it trusts."""
+    if settings.matcher == "onnx":
+        d_px = stereo_network(settings)(pair)
+        d_px[is_blank(gray8(pair.left, pair.right)[0])] = np.nan
+        return DisparityMap(d_px, settings.sigma_px)
     matcher = MATCHERS[settings.matcher]
     left, right = balance(*gray8(pair.left, pair.right))
     both = settings.both_ways

@@ -15,7 +15,10 @@ class MatchSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    matcher: Literal["region", "sgbm", "bm"] = Field("sgbm", description="Entry of MATCHERS.")
+    matcher: Literal["region", "sgbm", "bm", "onnx"] = Field(
+        "sgbm", description="Entry of MATCHERS; onnx: a stereo network of one's own."
+    )
+    network: str | None = Field(None, description="For onnx: the YAML file that describes it.")
     disparities: int = Field(
         128, ge=16, le=1024, multiple_of=16, description="Search range in px; the nearest range is f*B/this."
     )

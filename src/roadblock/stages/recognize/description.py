@@ -1,15 +1,14 @@
 """What must be said of a network so that it can be used: a short YAML file beside the model."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from roadblock.errors import SettingsError
+from roadblock import network
+from roadblock.network import Side, Three
 from roadblock.stages.recognize.types import CLASSES
 
-Three = Annotated[tuple[float, float, float], Field()]
 Type = Literal[
     "person", "bicycle", "car", "truck", "railing", "pole", "fork", "wall", "vegetation", "debris", "unknown"
 ]
@@ -22,9 +21,7 @@ class NetworkDescription(BaseModel):
 
     model: str = Field(description="The ONNX file, beside this one.")
     layout: Literal["yolox", "yolov8", "rtdetr", "ssd"]
-    input_px: tuple[Annotated[int, Field(ge=8, le=4096)], Annotated[int, Field(ge=8, le=4096)]] = Field(
-        description="Width and height."
-    )
+    input_px: tuple[Side, Side] = Field(description="Width and height.")
     colors: Literal["rgb", "bgr"] = "rgb"
     mean: Three = (0.0, 0.0, 0.0)
     std: Three = (1.0, 1.0, 1.0)
@@ -41,22 +38,5 @@ class NetworkDescription(BaseModel):
 
 
 def read_description(path: Path) -> NetworkDescription:
-    """Read a description.
-
-    Raises
-    ------
-    SettingsError
-        If there is no such file, it is no YAML, or a field is missing, unknown or does not fit.
-    """
-    try:
-        values = yaml.safe_load(path.read_text("utf-8"))
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        raise SettingsError(f"{path}: cannot be read as the description of a network: {reason}") from error
-    try:
-        return NetworkDescription.model_validate(values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(map(str, first["loc"])) or "the file"
-        hint = f" (our types: {', '.join(CLASSES)})" if field.startswith("classes") else ""
-        raise SettingsError(f"{path}: {field}: {first['msg']}{hint}") from error
+    """Read a description; errors as `network.read_description`."""
+    return network.read_description(path, NetworkDescription, {"classes": f" (our types: {', '.join(CLASSES)})"})

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.errors import SettingsError
+from roadblock.network import Floats32
 from roadblock.stages.recognize.description import NetworkDescription
-from roadblock.stages.recognize.session import Floats32
 
 Floats = NDArray[np.floating[Any]]
 

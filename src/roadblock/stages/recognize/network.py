@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 
 from roadblock.errors import SettingsError
+from roadblock.network import Floats32, Session
 from roadblock.stages.recognize.description import NetworkDescription, read_description
 from roadblock.stages.recognize.layouts import Seen, decode
-from roadblock.stages.recognize.session import Floats32, Session
 from roadblock.stages.recognize.settings import RecognizeSettings
 from roadblock.stages.recognize.shape import ShapeRecognizer
 from roadblock.stages.recognize.types import UNKNOWN
@@ -52,20 +52,8 @@ class NetworkRecognizer:
         self.about = read_description(path)
         self.session = Session(path.parent / self.about.model)
         self._shape = ShapeRecognizer(settings, T_vehicle_car)
-        self._check(path)
-
-    def _check(self, path: Path) -> None:
-        """Refuse a network that takes another image, or lacks an output."""
         width, height = self.about.input_px
-        wanted, shape = (1, 3, height, width), self.session.shape
-        if len(shape) != 4 or any(isinstance(n, int) and n != w for n, w in zip(shape, wanted, strict=True)):
-            raise SettingsError(
-                f"{path}: the network takes an input of {list(shape)}, but input_px says {list(wanted)}"
-            )
-        missing = [name for name in self.about.outputs if name not in self.session.outputs]
-        if missing:
-            known = ", ".join(self.session.outputs)
-            raise SettingsError(f"{path}: the network has no output {missing[0]!r}; it has: {known}")
+        self.session.check(path, (1, 3, height, width), self.about.outputs)
 
     def __call__(
         self, pair: RectifiedPair, found: Detections, regions: Sequence[Region], obstacles: Sequence[Obstacle]
@@ -75,7 +63,8 @@ class NetworkRecognizer:
         if not recognized:
             return ()
         image, scale, shift = prepared(pair.left, self.about)
-        seen = decode(self.session.run(image, self.about.outputs), self.about)
+        outputs = self.session.run(dict.fromkeys(self.session.inputs, image), self.about.outputs)
+        seen = decode(outputs, self.about)
         boxes = (seen.boxes - np.tile(shift, 2)) / np.tile(scale, 2)
         return named(recognized, seen._replace(boxes=boxes), self.about)
 

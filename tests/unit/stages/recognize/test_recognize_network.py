@@ -17,12 +17,12 @@ from roadblock.config import Settings
 from roadblock.errors import MissingExtraError, SettingsError
 from roadblock.geometry.pose import pose
 from roadblock.io.sources import open_source
+from roadblock.network import Session
 from roadblock.pipeline import Pipeline
 from roadblock.stages.recognize import RecognizeSettings, make_recognizer
 from roadblock.stages.recognize.description import NetworkDescription, read_description
 from roadblock.stages.recognize.layouts import Seen, decode
 from roadblock.stages.recognize.network import named, prepared
-from roadblock.stages.recognize.session import Session
 from roadblock.values.camera import Camera, StereoRig
 
 INPUT = (64, 48)
@@ -243,7 +243,7 @@ def test_a_network_must_take_the_described_image(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match=r"takes an input of \[1, 3, 32, 64\], but input_px says \[1, 3, 48, 64\]"):
         make_recognizer(described(tmp_path))
     tiny(tmp_path / "tiny.onnx", yolov8(), kind=TensorProto.INT64)
-    with pytest.raises(SettingsError, match="must take one image of numbers"):
+    with pytest.raises(SettingsError, match=r"must take 1 image\(s\) of numbers"):
         make_recognizer(described(tmp_path))
 
 
