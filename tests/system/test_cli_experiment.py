@@ -51,6 +51,22 @@ def quick(monkeypatch):
     return seeds
 
 
+def test_the_detectors_go_by_the_calibrated_rig(tmp_path, monkeypatch):
+    """Which here believes in a baseline that is a tenth too long: so is every range."""
+    monkeypatch.setattr(experiment, "METHODS", {"dense": {"detector": "dense"}})
+    rig = small_rig()
+    write_rig(rig, tmp_path / "rig.yaml")
+    write_rig(StereoRig(rig.left, rig.right, pose(np.eye(3), [0.2255, 0.0, 0.0])), tmp_path / "long.yaml")
+    both = ["--calibrated", tmp_path / "long.yaml", "--rig", tmp_path / "rig.yaml"]
+    person_m = []
+    for options in (both[2:], both):
+        done = run("--runs", 1, *options, "--out", tmp_path / f"out{len(options)}")
+        assert done.exit_code == 0, done.output
+        readings = json.loads((tmp_path / f"out{len(options)}" / "result.json").read_text("utf-8"))["readings"]
+        person_m += [r["range_m"] for r in readings if (r["type"], r["detector"]) == ("person", "dense")]
+    assert person_m[1] == pytest.approx(1.1 * person_m[0], rel=0.01)
+
+
 def test_two_real_runs_of_everything(tmp_path):
     write_rig(small_rig(), tmp_path / "rig.yaml")
     done = run("--runs", 2, "--rig", tmp_path / "rig.yaml", "--out", tmp_path / "out")
