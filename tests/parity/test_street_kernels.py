@@ -172,6 +172,35 @@ def test_long_things_are_cut() -> None:
     assert counts[0] < counts[1]
 
 
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("gap", [0.0, 40.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_joined_pieces(seed: int, gap: float, share: float) -> None:
+    """Of stripes a few columns wide, some without anything known between them."""
+    rng = np.random.default_rng(seed)
+    d_px = np.full((14, 40), np.nan, np.float32)
+    for column in range(0, 40, 4):
+        top = int(rng.integers(0, 6))
+        d_px[top : top + 8, column : column + 2] = 5 + rng.normal(0, 0.2, (8, 2))
+        if rng.random() < 0.5:
+            d_px[: int(rng.integers(1, 14)), column + 2 : column + 4] = 2
+    z, _ = raised(d_px, NO_ROAD)
+    stripes = [np.flatnonzero(((np.arange(d_px.size) % 40) // 4 == k) & (d_px.ravel() > 4)) for k in range(10)]
+    order = rng.permutation(10)
+    results = []
+    for kernels in (compiled, reference):
+        cells = np.concatenate([stripes[k] for k in order]).astype(np.int32)
+        bounds = np.cumsum([0, *(len(stripes[k]) for k in order)]).astype(np.int32)
+        boxes, nearest = np.empty((10, 4), np.int32), np.array([z.ravel()[stripes[k]].min() for k in order], float)
+        kernels.measure_boxes(cells, bounds, 10, 40, boxes)
+        n = kernels.join_pieces(d_px, z, np.array([6.0, 0.5, gap, share]), 0.1, cells, bounds, boxes, nearest)
+        results.append((n, cells[: bounds[n]], bounds[: n + 1], boxes[:n], nearest[:n]))
+    for a, b in zip(results[0][:4], results[1][:4], strict=True):
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_allclose(results[0][4], results[1][4], **FLOAT)
+    assert (results[0][0] < 10) == (gap > 0)
+
+
 def some(shape: tuple[int, int], share: float, seed: int) -> np.ndarray:
     """Return the numbers of some cells, one at least."""
     chosen = np.random.default_rng(seed).random(shape).ravel() < share

@@ -41,6 +41,9 @@ FREE_PX = 3.5
 """No road is known to be free where disparities are smaller than this."""
 STIXEL_CELLS = 2
 """Smaller ones are specks."""
+JOIN_REACH_M, BEHIND_SHARE = 15.0, 0.1
+"""Near by smooth bodies show little but their edges: pieces are joined up to here, if no more than this share of what
+lies between them is seen to lie behind."""
 MOST_REGIONS = 1000
 """Of one frame; further ones are dropped."""
 
@@ -56,6 +59,7 @@ class SegmentSettings(BaseModel):
     link_m: float = Field(0.5, gt=0, description="Neighbours this close in range belong together, ...")
     link_px: float = Field(0.4, gt=0, description="... or this close in disparity.")
     gap_px: int = Field(8, ge=1, le=64, description="Holes smaller than this are bridged.")
+    join_m: float = Field(1.0, ge=0, description="Near pieces this far apart are one, if nothing is seen between.")
     split_m: float = Field(8.0, ge=0.5, description="What is longer in depth (hedges, rails) is cut into pieces.")
     area_px: float = Field(250.0, ge=0, description="Smaller regions are dropped.")
     locking_px: float = Field(0.25, gt=0, description="Disparity error a whole region shares (pixel locking).")
@@ -201,7 +205,7 @@ def find_regions(
     gaps = max(1, settings.gap_px // w), max(1, settings.gap_px // h)
     kernels.link(d_px, surface.z_m, surface.height_m, limits, links, *gaps, parent)
     cells, bounds = np.empty(d_px.size, np.int32), np.empty(MOST_REGIONS + 1, np.int32)
-    nearest = np.empty(MOST_REGIONS)
+    nearest, near_share = np.empty(MOST_REGIONS), NEAREST_FACE_PERCENT / 100
     found = kernels.gather_pieces(
         parent,
         surface.z_m,
@@ -210,7 +214,7 @@ def find_regions(
         int(np.ceil(settings.area_px / (w * h))),
         np.nan if ground is None else settings.overhead_m,
         settings.split_m,
-        NEAREST_FACE_PERCENT / 100,
+        near_share,
         cells,
         bounds,
         nearest,
@@ -219,7 +223,11 @@ def find_regions(
         return ()
     boxes = np.empty((found, 4), np.int32)
     kernels.measure_boxes(cells, bounds, found, columns, boxes)
-    boxes *= np.array([w, h, w, h], np.int32)
+    joins = np.array([JOIN_REACH_M, settings.link_m, settings.join_m * r.f_px / w, BEHIND_SHARE])
+    found = kernels.join_pieces(
+        d_px, surface.z_m, joins, near_share, cells, bounds[: found + 1], boxes, nearest[:found]
+    )
+    boxes = boxes[:found] * np.array([w, h, w, h], np.int32)
     if ground is not None:
         boxes[:, 3] = np.maximum(boxes[:, 3], _road_rows(boxes, nearest[:found], r, ground))
     order = np.argsort(nearest[:found])

@@ -295,6 +295,35 @@ def test_one_before_the_other_is_two_regions_nearest_first() -> None:
     assert [round(310 * 0.31 / float(np.median(r.surface_uvd_px[:, 2]))) for r in found] == [7, 14]
 
 
+def halves(z_m: float, gap_m: float, behind: tuple[Board, ...] = (), *, blank: bool) -> tuple[Region, ...]:
+    """Return what is found of two boards beside each other; `blank` leaves nothing known between them."""
+    wide_m = 0.12 * z_m
+    boards = Board(z_m, -gap_m / 2 - wide_m, -gap_m / 2, 1.5), Board(z_m, gap_m / 2, gap_m / 2 + wide_m, 1.5)
+    d_px = disparity_of(GROUND, (*boards, *behind)).d_px.copy()
+    edges = [int(((x + TWIN.baseline_m / 2) * TWIN.f_px / z_m + TWIN.cx_px) // 4) for x in (-gap_m / 2, gap_m / 2)]
+    if blank:
+        d_px[:, edges[0] + 1 : edges[1]] = np.nan
+    return tuple(r for r in regions_of(DisparityMap(d_px, 0.5, 4)) if r.surface_uvd_px[0, 2] > 310 * 0.31 / z_m - 0.5)
+
+
+def test_a_smooth_body_that_shows_its_edges_only_is_one() -> None:
+    (whole,) = halves(5.0, 0.9, blank=True)
+    left = box_of(Board(5.0, -1.05, -0.45, 1.5))
+    right = box_of(Board(5.0, 0.45, 1.05, 1.5))
+    np.testing.assert_allclose(whole.box_px, [left[0], left[1], right[2], right[3]], atol=4.1)
+    assert (np.diff(whole.surface_uvd_px[:, 1]) >= 0).all(), "cells in order"
+
+
+def test_things_with_something_seen_between_them_stay_two() -> None:
+    assert len(halves(5.0, 0.9, blank=False)) == 2  # the road
+    assert len(halves(5.0, 0.9, (Board(12.0, -3.0, 3.0, 2.5),), blank=False)) == 2
+
+
+def test_things_too_far_apart_or_too_far_away_stay_two() -> None:
+    assert len(halves(5.0, 1.6, blank=True)) == 2
+    assert len(halves(17.0, 0.9, blank=True)) == 2
+
+
 def striped(cells: int) -> DisparityMap:
     d = disparity_of(GROUND, (Board(6.0, -1.5, 1.5, 1.5),)).d_px.copy()
     d[:, 40 : 40 + cells] = np.nan
@@ -302,9 +331,10 @@ def striped(cells: int) -> DisparityMap:
 
 
 def test_small_holes_are_bridged() -> None:
-    assert len(regions_of(striped(1))) == 1
-    assert len(regions_of(striped(2))) == 2
-    assert len(regions_of(striped(1), SegmentSettings(gap_px=4))) == 2
+    apart = SegmentSettings(join_m=0)
+    assert len(regions_of(striped(1), apart)) == 1
+    assert len(regions_of(striped(2), apart)) == 2
+    assert len(regions_of(striped(1), SegmentSettings(gap_px=4, join_m=0))) == 2
     assert len(regions_of(striped(5), SegmentSettings(gap_px=24))) == 1
 
 

@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.kernels.reference.street import (
+    BEHIND,
     BESIDE,
+    BESIDE_SHARE,
     BINS_PER_PX,
     DEEP_M,
     DEEP_SHARE,
@@ -374,6 +376,81 @@ def measure_boxes(cells: Ints, bounds: Ints, found: int, columns: int, boxes: In
             c0, r0 = min(c0, column), min(r0, row)
             c1, r1 = max(c1, column + 1), max(r1, row + 1)
         boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3] = c0, r0, c1, r1
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def join_pieces(
+    d_px: Singles,
+    z: Singles,
+    limits: Floats,
+    near_share: float,
+    cells: Ints,
+    bounds: Ints,
+    boxes: Ints,
+    nearest: Floats,
+) -> int:
+    """See `reference.street.join_pieces`."""
+    reach, near, gap, share = limits
+    found = len(nearest)
+    thing = np.arange(found)
+    flat_d, flat_z = d_px.ravel(), z.ravel()
+    front = np.zeros(found)
+    joins = 0
+    for i in range(found):
+        if nearest[i] < reach:
+            for k in range(bounds[i], bounds[i + 1]):
+                front[i] += flat_d[cells[k]]
+            front[i] /= bounds[i + 1] - bounds[i]
+    for i in range(found):
+        if not nearest[i] < reach:
+            continue
+        c0, r0, c1, r1 = boxes[i]
+        for j in range(found):
+            e0, s0, _, s1 = boxes[j]
+            if not nearest[j] < reach or not abs(nearest[i] - nearest[j]) < near:
+                continue
+            first, last = max(r0, s0), min(r1, s1)
+            if not 0 <= e0 - c1 <= gap / min(nearest[i], nearest[j]) or last - first < BESIDE_SHARE * min(
+                r1 - r0, s1 - s0
+            ):
+                continue
+            behind, farther = 0, BEHIND * min(front[i], front[j])
+            for row in range(first, last):
+                for column in range(c1, e0):
+                    behind += 0 < d_px[row, column] < farther
+            if behind <= share * ((last - first) * (e0 - c1)):
+                a, b = root(thing, i), root(thing, j)
+                thing[max(a, b)] = min(a, b)
+                joins += a != b
+    if joins == 0:
+        return found
+    old = cells[: bounds[found]].copy()
+    ends = bounds.copy()
+    used, n = 0, 0
+    for i in range(found):
+        if thing[i] != i:
+            continue
+        begin, pieces = used, 0
+        c0, r0, c1, r1 = boxes[i]
+        for j in range(i, found):
+            if root(thing, j) != i:
+                continue
+            pieces += 1
+            for k in range(ends[j], ends[j + 1]):
+                cells[used] = old[k]
+                used += 1
+            c0, r0, c1, r1 = min(c0, boxes[j, 0]), min(r0, boxes[j, 1]), max(c1, boxes[j, 2]), max(r1, boxes[j, 3])
+        nearest[n] = nearest[i]
+        if pieces > 1:
+            cells[begin:used].sort()
+            scratch = np.empty(used - begin, np.float32)
+            for k in range(used - begin):
+                scratch[k] = flat_z[cells[begin + k]]
+            nearest[n] = quantile_of(scratch, near_share)
+        boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3] = c0, r0, c1, r1
+        bounds[n], bounds[n + 1] = begin, used
+        n += 1
+    return n
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

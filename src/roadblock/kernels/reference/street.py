@@ -34,6 +34,9 @@ ROAD_CELLS = 4
 """The farthest cells of road, past which a column is unknown."""
 DEPTH_SHARES = (0.05, 0.95)
 """A thing's depth reaches from here to there."""
+BESIDE_SHARE, BEHIND = 0.5, 0.9
+"""Pieces lie side by side that share so much of the lower one's rows; and what has less than this share of their
+disparity lies behind them."""
 HIDDEN_SHARE = 0.85
 """A box that lies in a nearer one by more than this is seen through it, ..."""
 FULL_SHARE = 0.5
@@ -307,6 +310,64 @@ def measure_boxes(cells: Ints, bounds: Ints, found: int, columns: int, boxes: In
     for k in range(found):
         row, column = np.divmod(cells[bounds[k] : bounds[k + 1]], columns)
         boxes[k] = column.min(), row.min(), column.max() + 1, row.max() + 1
+
+
+def join_pieces(
+    d_px: Singles,
+    z: Singles,
+    limits: Floats,
+    near_share: float,
+    cells: Ints,
+    bounds: Ints,
+    boxes: Ints,
+    nearest: Floats,
+) -> int:
+    """Join pieces side by side between which nothing was seen: smooth bodies show little but their edges near by.
+
+    Parameters
+    ----------
+    d_px, z
+        The cells.
+    limits
+        (reach, near, gap, share): pieces nearer than the first, whose nearest faces differ by less than the second,
+        metres, are joined if no more than `gap / range` columns lie between them, and in these no more than this share
+        of the cells is known and lies behind them.
+    near_share
+        Of `gather_pieces`.
+    cells, bounds, boxes, nearest
+        Of `gather_pieces` and `measure_boxes`, of all pieces, (found + 1,), (found, 4) and (found,); changed.
+
+    Returns
+    -------
+    Number of things, which come first in all of them, in the order of their first pieces.
+    """
+    reach, near, gap, share = limits
+    found = len(nearest)
+    joined = np.eye(found, dtype=bool)
+    for i in range(found):
+        for j in range(found):
+            (_, r0, c1, r1), (e0, s0, _, s1) = boxes[i], boxes[j]
+            first, last, range_m = max(r0, s0), min(r1, s1), min(nearest[i], nearest[j])
+            if not (max(nearest[i], nearest[j]) < reach and abs(nearest[i] - nearest[j]) < near):
+                continue
+            if not 0 <= e0 - c1 <= gap / range_m or last - first < BESIDE_SHARE * min(r1 - r0, s1 - s0):
+                continue
+            between = d_px[first:last, c1:e0]
+            front = min(d_px.ravel()[cells[bounds[k] : bounds[k + 1]]].mean(dtype=np.float64) for k in (i, j))
+            joined[i, j] = np.count_nonzero((between > 0) & (between < BEHIND * front)) <= share * between.size
+    _, thing = connected_components(coo_array(joined), directed=False)
+    members = [np.flatnonzero(thing == k) for k in dict.fromkeys(thing.tolist())]
+    pieces = [np.sort(np.concatenate([cells[bounds[k] : bounds[k + 1]] for k in mine])) for mine in members]
+    around = [[*boxes[mine, :2].min(0), *boxes[mine, 2:].max(0)] for mine in members]
+    for k, piece in enumerate(pieces):
+        if len(members[k]) > 1:
+            nearest[k] = quantile_of(z.ravel()[piece], near_share)
+        else:
+            nearest[k] = nearest[members[k][0]]
+        boxes[k] = around[k]
+        cells[bounds[k] : bounds[k] + len(piece)] = piece
+        bounds[k + 1] = bounds[k] + len(piece)
+    return len(pieces)
 
 
 def roughness(d_px: Singles, cells: Ints, scratch: Singles, member: Ints, number: int) -> float:
