@@ -24,7 +24,7 @@ FLOOR_MPS = 0.15
 
 
 def velocities(
-    flow: Flow, dt_s: float, boxes: FloatArray, range_m: FloatArray, optics: Optics
+    flow: Flow, dt_s: float, boxes: FloatArray, range_m: FloatArray, long_m: FloatArray, optics: Optics
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Return what features say about the velocities over ground of obstacles, by robust least squares.
 
@@ -47,12 +47,14 @@ def velocities(
     u, v = flow.uvd_px[:, :2].T
     z = car[:, 2]
     inside = (u >= boxes[:, :1]) & (u < boxes[:, 2:3]) & (v >= boxes[:, 1:2]) & (v < boxes[:, 3:])
-    behind_m = np.maximum(BEHIND_M, BEHIND_SHARE * range_m)[:, None]
+    behind_m = np.maximum(np.maximum(BEHIND_M, BEHIND_SHARE * range_m), long_m)[:, None]
     inside &= (z > range_m[:, None] - BEFORE_M) & (z < range_m[:, None] + behind_m)
-    used = inside.any(0)
+    # Halfway between where it is and would be if it stood: over a whole step, disparities are far from linear.
+    halfway = triangulate(optics.rectification, flow.uvd_px - flow.off_px / 2)
+    used = inside.any(0) & np.isfinite(halfway[:, 2])
     n, inside = len(boxes), inside[:, used]
     # Each feature's part of the normal equations, for two numbers.
-    J = dt_s * image_jacobian(optics.rectification, car[used]) @ optics.T_car_vehicle[:3, :2]
+    J = dt_s * image_jacobian(optics.rectification, halfway[used]) @ optics.T_car_vehicle[:3, :2]
     W, off = flow.information_px2[used], flow.off_px[used]
     JW = J.swapaxes(1, 2) @ W
     A, b = (JW @ J).reshape(-1, 4), (JW @ off[..., None])[..., 0]

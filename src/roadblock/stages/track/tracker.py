@@ -318,7 +318,8 @@ class Tracker:
         b = self._bank
         boxes = np.array([o.box_px for o in b.last[rows]], float)
         range_m = np.array([o.range_m for o in b.last[rows]])
-        v_mps, cov, known = velocities(flow, dt_s, boxes, range_m, self.optics)
+        long_m = np.nan_to_num([float(o.size_m[2]) for o in b.last[rows]])
+        v_mps, cov, known = velocities(flow, dt_s, boxes, range_m, long_m, self.optics)
         rows = rows[known]
         ego_cov = self._twist_cov[3:5, 3:5]
         b.x[rows], b.P[rows] = correct_velocity(b.x[rows], b.P[rows], v_mps[known], cov[known] + ego_cov)
