@@ -126,11 +126,13 @@ def test_correct_velocity(n: int) -> None:
     rows = some(n)
     v_mps = x[rows, 3:] + np.random.default_rng(10).normal(0, 2, (len(rows), 2))
     cov, known = np.ascontiguousarray(covariances(len(rows), 11)[:, :2, :2]) / 9, np.arange(len(rows)) != 1
-    better = agree("correct_velocity", rows, x, P, v_mps, cov, known)[1]
+    against = np.array([1, 0, 1, 1, 1, 0, 1])[:n]
+    arguments = agree("correct_velocity", rows, x, P, against, v_mps, cov, known)
     if n == 7:
-        reset = (better[rows, 3:] == v_mps).all(1)
-        assert 0 < reset.sum() < 4
-        assert not reset[1]
+        reset, kept = (arguments[1][rows, 3:] == v_mps).all(1), (arguments[1][rows] == x[rows]).all(1)
+        assert reset.any()
+        assert kept.any()
+        assert not (reset & kept).any()
 
 
 def features(
@@ -212,3 +214,16 @@ def test_clearance(n: int) -> None:
     (found,) = agree("clearance", u_px, np.linspace(4, 20, n), columns, free_m)
     if n == 7:
         assert 0 < np.isfinite(found).sum() < 7
+
+
+@pytest.mark.parametrize("kernels", [compiled, reference])
+@pytest.mark.parametrize(("against", "speeds_mps"), [(0, [5.0, 0.0]), (1, [0.0, 0.0])])
+def test_features_must_contradict_twice_what_they_told_before(kernels, against: int, speeds_mps: list[float]) -> None:
+    """A cyclist at 5 m/s before a parked van; and a rail, whose features were never seen, that seems to go along."""
+    x, P = np.array([[10.0, 0, 1, 5, 0]]), np.diag([0.1, 0.1, 0.1, 0.04, 0.04])[None].copy()
+    count, row, cov = np.array([against]), np.zeros(1, np.intp), 0.04 * np.eye(2)[None]
+    for speed_mps in speeds_mps:
+        kernels.correct_velocity(row, x, P, count, np.zeros((1, 2)), cov, np.array([True]))
+        assert x[0, 3] == pytest.approx(speed_mps)
+    kernels.correct_velocity(row, x, P, count, np.zeros((1, 2)), cov, np.array([True]))
+    assert count[0] == 0

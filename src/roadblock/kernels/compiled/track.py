@@ -11,6 +11,7 @@ from roadblock.kernels.reference.track import (
     CAUCHY,
     CLOSING_MPS,
     CLOSING_SIGMAS,
+    CONTRADICTED,
     DEPTH_M,
     FAR,
     FLOOR_MPS,
@@ -330,7 +331,13 @@ def feel(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def correct_velocity(
-    rows: Indices, x: Floats, P: Floats, v_mps: Floats, cov_m2ps2: Floats, known: NDArray[np.bool_]
+    rows: Indices,
+    x: Floats,
+    P: Floats,
+    against: NDArray[np.int64],
+    v_mps: Floats,
+    cov_m2ps2: Floats,
+    known: NDArray[np.bool_],
 ) -> None:
     """See `reference.track.correct_velocity`."""
     K = np.empty((SIZE, 2))
@@ -342,6 +349,9 @@ def correct_velocity(
         s0, s1, s2, s3 = before[3, 3] + C[0, 0], before[3, 4] + C[0, 1], before[4, 3] + C[1, 0], before[4, 4] + C[1, 1]
         det = s0 * s3 - s1 * s2
         if (o0 * (s3 * o0 - s1 * o1) + o1 * (s0 * o1 - s2 * o0)) / det > MOVING:
+            against[k] += 1
+            if against[k] < CONTRADICTED:
+                continue
             for j in range(2):
                 x[k, 3 + j] = v_mps[m, j]
                 for i in range(3):
@@ -349,6 +359,7 @@ def correct_velocity(
                 for i in range(2):
                     P[k, 3 + i, 3 + j] = (C[i, j] + C[j, i]) / 2
             continue
+        against[k] = 0
         for i in range(SIZE):
             K[i, 0] = (before[3, i] * s3 - before[4, i] * s1) / det
             K[i, 1] = (before[4, i] * s0 - before[3, i] * s2) / det

@@ -34,6 +34,8 @@ LEAST, LEAST_SHARE = 2.0, 0.5
 """Features, as they count, that say a velocity, and how many of those on the obstacle."""
 FLOOR_MPS = 0.15
 """Standard deviation that no number of features goes below."""
+CONTRADICTED = 2
+"""So often in a row, features must contradict a velocity to be believed."""
 CLOSING_MPS, CLOSING_SIGMAS = 0.3, 2.0
 """What comes closer no faster than this has no time to collision."""
 TIMIDITY, MEDIAN_OF_1 = 0.5, 0.455
@@ -273,12 +275,28 @@ def feel(
 
 
 def correct_velocity(
-    rows: Indices, x: Floats, P: Floats, v_mps: Floats, cov_m2ps2: Floats, known: NDArray[np.bool_]
+    rows: Indices,
+    x: Floats,
+    P: Floats,
+    against: NDArray[np.int64],
+    v_mps: Floats,
+    cov_m2ps2: Floats,
+    known: NDArray[np.bool_],
 ) -> None:
-    """Change states (n, 5), covariances (n, 5, 5) by velocities (k, 2), covariances (k, 2, 2) that are `known` (k,).
+    """Change states and covariances by velocities that were measured.
 
-    Where a measured velocity contradicts that of the place, the place has wandered along something (the near end of a
-    wall goes with the vehicle that looks at it): the measured one is taken for both.
+    Where a measured velocity contradicts that of the place twice in a row, the place has wandered along something (the
+    near end of a wall goes with the vehicle that looks at it): the measured one is taken for both. Once, it may be that
+    of something behind.
+
+    Parameters
+    ----------
+    rows
+        (k,) of which.
+    x, P, against
+        (n, 5), (n, 5, 5), and (n,) how many contradictions in a row there were; changed.
+    v_mps, cov_m2ps2, known
+        (k, 2), (k, 2, 2), and (k,) whether it was measured.
     """
     rows, v_mps, cov_m2ps2 = rows[known], v_mps[known], cov_m2ps2[known]
     then, cov = x[rows], P[rows]
@@ -287,13 +305,15 @@ def correct_velocity(
     squared = np.einsum("ni,ni->n", off, np.linalg.solve(S, off[..., None])[..., 0])
     K = np.linalg.solve(S, cov[:, 3:, :]).swapaxes(1, 2)
     better, less = then + (K @ off[..., None])[..., 0], cov - K @ cov[:, 3:, :]
-    wrong = squared > MOVING
+    less = (less + less.swapaxes(1, 2)) / 2
+    against[rows] = np.where(squared > MOVING, against[rows] + 1, 0)
+    wrong, doubtful = against[rows] >= CONTRADICTED, against[rows] == 1
     better[wrong] = then[wrong]
     better[wrong, 3:] = v_mps[wrong]
     less[wrong] = cov[wrong]
     less[wrong, :3, 3:] = less[wrong, 3:, :3] = 0.0
     less[wrong, 3:, 3:] = cov_m2ps2[wrong]
-    x[rows], P[rows] = better, (less + less.swapaxes(1, 2)) / 2
+    x[rows], P[rows] = np.where(doubtful[:, None], then, better), np.where(doubtful[:, None, None], cov, less)
 
 
 def approach(x: Floats, P: Floats, ahead: Floats, twist: Floats, twist_cov: Floats) -> tuple[Floats, Floats, Floats]:

@@ -84,6 +84,8 @@ class Bank:
         (n,) in how many frames they were measured, and in how many they were not since.
     doubt_s
         (n,) how long free road has been seen where they should be.
+    against
+        (n,) how many times in a row the features on them contradicted their velocities.
     looks
         (n, 2) logarithm of width and height, smoothed.
     foot_m
@@ -102,6 +104,7 @@ class Bank:
     found: NDArray[np.int64]
     missed: NDArray[np.int64]
     doubt_s: FloatArray
+    against: NDArray[np.int64]
     looks: FloatArray
     foot_m: FloatArray
     last: NDArray[Any]
@@ -115,7 +118,7 @@ class Bank:
         """Return tracks of things just seen for the first time."""
         n = len(x)
         zero, now = np.zeros(n, np.int64), np.full(n, t_ns, np.int64)
-        counts = (zero, now, now.copy(), zero + 1, zero.copy(), np.zeros(n))
+        counts = (zero, now, now.copy(), zero + 1, zero.copy(), np.zeros(n), zero + 1)
         return cls(
             x,
             P,

@@ -41,8 +41,9 @@ SAME_SHARE = 0.5
 """Boxes of which so much is shared are pieces of each other."""
 LOOKS_SHARE, PIECE_SHARE = 0.3, 0.05
 """How fast a track learns what it looks like, from all of it and from pieces."""
-SLIP_M = 1.5
-"""They may be so far apart: the near end of a wall goes with the vehicle that looks at it."""
+SLIP_M, SLIP_S = 1.5, 1.0
+"""They may be so far apart: the near end of a wall goes with the vehicle that looks at it. Or they have gone there within
+this time: the velocity is so much less sure."""
 ALIKE_M, ALIKE_SHARE = 2.0, 0.15
 """What covers a track may be so far before or behind it to be taken for the whole of which it is a part."""
 LEAST_HALF_PX = 4.0
@@ -246,11 +247,11 @@ class Tracker:
         return rows[i], columns[j], ((others[j, 2:] - others[j, :2]) / 2) ** 2
 
     def _slip(self, rows: Indices, off_m: FloatArray) -> None:
-        """Let the places of tracks be off by so much, which says nothing about their velocities."""
+        """Let the places of tracks be off by so much, which says nothing about their velocities but doubt."""
         P = self._bank.P
         P[rows, :3, 3:] = 0.0
         P[rows, 3:, :3] = 0.0
-        P[rows, :3, :3] += np.eye(3) * (off_m**2)[:, None, None]
+        P[rows] += np.diag([1.0] * 3 + [1 / SLIP_S**2] * 2) * (off_m**2)[:, None, None]
 
     def _boxes(self, rows: Indices, expected: _Expected) -> FloatArray:
         """Return (k, 4) where the boxes of some tracks should be now; NaN behind the cameras."""
@@ -292,7 +293,7 @@ class Tracker:
             o.twin,
             o.T_car_vehicle,
         )
-        correct_velocity(rows, b.x, b.P, v_mps, cov + self._twist_cov[3:5, 3:5], known)
+        correct_velocity(rows, b.x, b.P, b.against, v_mps, cov + self._twist_cov[3:5, 3:5], known)
 
     def _merged(self, rows: Indices, seen: Seen, expected: _Expected) -> NDArray[np.bool_]:
         """Return (n,) which tracks are not measured because they are part of something that is, at their distance."""
