@@ -8,13 +8,18 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from roadblock.errors import SourceError
+from roadblock.geometry.pose import pose
 from roadblock.io.rig import read_kitti_object, read_kitti_odometry, read_kitti_raw
 from roadblock.io.sources.folders import sides_of, stamp
 from roadblock.io.sources.image import image_size
 from roadblock.io.sources.pairing import FramePaths, pair_folders
 from roadblock.io.sources.source import ImagePairs, StereoSource
+from roadblock.io.sources.text import read_lines
 from roadblock.values.camera import StereoRig
+from roadblock.values.checks import FloatArray
 
 Pair = tuple[int, int]
 """Numbers of the left and the right camera."""
@@ -150,15 +155,17 @@ def _raw_calibration(path: Path) -> Path:
 def open_odometry(pair: Pair, path: Path, rig: StereoRig | None, gray: bool) -> StereoSource:
     """Open an odometry sequence: `calib.txt`, `times.txt` (without it, the nominal 10 Hz from frame to frame).
 
+    `poses.txt`, where it is, says where camera 0 was, so that only grey pairs have poses.
+
     Raises
     ------
     SourceError
-        If an image lacks its partner, the time stamps do not fit, or `calib.txt` is missing.
+        If an image lacks its partner, the time stamps or poses do not fit, or `calib.txt` is missing.
     RigError, ValueRefusedError
         If the calibration cannot be trusted.
     """
     frames = _frames(path, FLAT_SIDES[pair])
-    calibration, times = path / "calib.txt", path / "times.txt"
+    calibration, times, poses = path / "calib.txt", path / "times.txt", path / "poses.txt"
     if rig is None and not calibration.is_file():
         raise SourceError(f"{calibration} is missing, but says how the cameras stand: give the rig with --rig FILE")
     if times.is_file():
@@ -171,7 +178,28 @@ def open_odometry(pair: Pair, path: Path, rig: StereoRig | None, gray: bool) -> 
         frames=frames,
         is_sequence=True,
         gray=gray,
+        poses=_read_poses(poses, frames) if pair == GRAY and poses.is_file() else None,
     )
+
+
+def _read_poses(path: Path, frames: tuple[FramePaths, ...]) -> tuple[FloatArray, ...] | None:
+    """Return the poses of the frames: a line of 12 numbers each, in order, or by the number that a frame is named.
+
+    None if the file is empty.
+    """
+    rows = []
+    for number, line in read_lines(path):
+        try:
+            T = np.array([float(word) for word in line.split()]).reshape(3, 4)
+        except ValueError as error:
+            raise SourceError(f"{path} line {number} must be 12 numbers, a pose, but is {line!r:.40}") from error
+        u, _, v = np.linalg.svd(T[:, :3])  # seven digits are not quite a rotation
+        rows.append(pose(u @ v, T[:, 3]))
+    if len(rows) in (0, len(frames)):
+        return tuple(rows) or None
+    if all(frame.name.isdecimal() and int(frame.name) < len(rows) for frame in frames):
+        return tuple(rows[int(frame.name)] for frame in frames)
+    raise SourceError(f"{path} holds {len(rows)} poses for {len(frames)} pairs: one line per pair is expected")
 
 
 Test = Callable[[Path], bool]

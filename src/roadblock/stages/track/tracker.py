@@ -42,8 +42,8 @@ SAME_SHARE = 0.5
 LOOKS_SHARE, PIECE_SHARE = 0.3, 0.05
 """How fast a track learns what it looks like, from all of it and from pieces."""
 SLIP_M, SLIP_S = 1.5, 1.0
-"""They may be so far apart: the near end of a wall goes with the vehicle that looks at it. Or they have gone there within
-this time: the velocity is so much less sure."""
+"""They may be so far apart: the near end of a wall goes with the vehicle that looks at it. Or they have gone there
+within this time: the velocity is so much less sure."""
 ALIKE_M, ALIKE_SHARE = 2.0, 0.15
 """What covers a track may be so far before or behind it to be taken for the whole of which it is a part."""
 LEAST_HALF_PX = 4.0
