@@ -184,7 +184,14 @@ def test_features_along_a_long_thing_belong_to_it(kernels, long_m: float, known:
 def test_approach(n: int) -> None:
     x, P = tracks(n)
     ahead = T_CAR_VEHICLE[2].copy()
-    ttc_s, _, _ = agree("approach", x, P / 100, ahead, np.array([0.01, -0.02, 0.2, -8.0, 0.1, 0.05]), EGO_COV)
+    eye = transform(T_VEHICLE_CAR, [-0.26, 0.0, 0.0])
+    twist = np.array([0.01, -0.02, 0.2, -8.0, 0.1, 0.05])
+    ttc_s, _, _, places = agree("approach", x, P / 100, ahead, eye, 705 * 0.52, twist, EGO_COV)
+    uvd = image_from_car(RECTIFICATION, transform(T_CAR_VEHICLE, x[:, :3]))
+    further = transform(T_VEHICLE_CAR, triangulate(RECTIFICATION, uvd - [0, 0, 1e-6])) - x[:, :3]
+    seen = np.isfinite(uvd[:, 0])
+    shared = further[:, :, None] * further[:, None, :] * (reference.BIAS_PX / 1e-6) ** 2
+    np.testing.assert_allclose(places[seen], (P[:, :3, :3] / 100 + shared)[seen], rtol=1e-2, atol=1e-4)
     if n == 7:
         assert 0 < np.isfinite(ttc_s).sum() < 7
 

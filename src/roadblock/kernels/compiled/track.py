@@ -8,6 +8,7 @@ from roadblock.kernels.reference.track import (
     BEFORE_M,
     BEHIND_M,
     BEHIND_SHARE,
+    BIAS_PX,
     CAUCHY,
     CLOSING_MPS,
     CLOSING_SIGMAS,
@@ -26,6 +27,7 @@ from roadblock.kernels.reference.track import (
     ROW_SHARE,
     SIDE_SHARE,
     SIZE,
+    STEP_PX,
     TIMIDITY,
     TINY,
     Floats,
@@ -325,6 +327,10 @@ def feel(
         v_mps[o, 0], v_mps[o, 1] = vx, vy
         cov[o, 0, 0], cov[o, 1, 1] = a2 / det + FLOOR_MPS**2, a0 / det + FLOOR_MPS**2
         cov[o, 0, 1] = cov[o, 1, 0] = -a1 / det
+        step_mps = STEP_PX / dt_s * range_m[r] ** 2 / (f * baseline_m)
+        for i in range(2):
+            for j in range(2):
+                cov[o, i, j] += step_mps * T_car_vehicle[2, i] * step_mps * T_car_vehicle[2, j]
         known[o] = counted >= LEAST and counted >= LEAST_SHARE * m
     return v_mps, cov, known
 
@@ -372,10 +378,13 @@ def correct_velocity(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def approach(x: Floats, P: Floats, ahead: Floats, twist: Floats, twist_cov: Floats) -> tuple[Floats, Floats, Floats]:
+def approach(
+    x: Floats, P: Floats, ahead: Floats, eye: Floats, fb: float, twist: Floats, twist_cov: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
     """See `reference.track.approach`."""
     count = len(x)
     ttc_s, sigma_s, off = np.full(count, np.nan), np.full(count, np.nan), np.empty(count)
+    places, sight = np.empty((count, 3, 3)), np.empty(3)
     ego_var = 0.0
     for i in range(3):
         for j in range(3):
@@ -388,18 +397,22 @@ def approach(x: Floats, P: Floats, ahead: Floats, twist: Floats, twist_cov: Floa
         v -= (twist[2] * px - twist[0] * pz + twist[4]) * ahead[1]
         v -= (twist[0] * py - twist[1] * px + twist[5]) * ahead[2]
         v_var, z_var, both = ego_var, 0.0, 0.0
+        z_m = ahead[0] * px + ahead[1] * py + ahead[2] * pz + ahead[3]
+        for i in range(3):
+            sight[i] = (x[k, i] - eye[i]) * BIAS_PX * z_m / fb
         for i in range(3):
             for j in range(3):
-                z_var += ahead[i] * P[k, i, j] * ahead[j]
+                places[k, i, j] = P[k, i, j] + sight[i] * sight[j]
+                z_var += ahead[i] * places[k, i, j] * ahead[j]
             for j in range(2):
                 both += ahead[i] * P[k, i, 3 + j] * ahead[j]
         for i in range(2):
             for j in range(2):
                 v_var += ahead[i] * P[k, 3 + i, 3 + j] * ahead[j]
         if v > max(CLOSING_MPS, CLOSING_SIGMAS * np.sqrt(v_var)):
-            t = (ahead[0] * px + ahead[1] * py + ahead[2] * pz + ahead[3]) / v
+            t = z_m / v
             ttc_s[k], sigma_s[k] = t, np.sqrt(max(z_var + t * t * v_var + 2 * t * both, 0.0)) / v
-    return ttc_s, sigma_s, off
+    return ttc_s, sigma_s, off, places
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -32,8 +32,10 @@ CAUCHY, ROUNDS = 3.0, 4
 """Residuals of this many sigmas count half; so often they are weighed."""
 LEAST, LEAST_SHARE = 2.0, 0.5
 """Features, as they count, that say a velocity, and how many of those on the obstacle."""
-FLOOR_MPS = 0.15
-"""Standard deviation that no number of features goes below."""
+FLOOR_MPS, STEP_PX = 0.05, 0.03
+"""Standard deviation that no number of features goes below: of the velocity, and of a step's change in disparity."""
+BIAS_PX = 0.2
+"""Error of a disparity that all frames share: matchers prefer whole pixels, and no filter averages that away."""
 CONTRADICTED = 2
 """So often in a row, features must contradict a velocity to be believed."""
 CLOSING_MPS, CLOSING_SIGMAS = 0.3, 2.0
@@ -270,7 +272,8 @@ def feel(
         squared = c - 2 * v_mps @ b.T + (v_mps[:, :, None] * v_mps[:, None, :]).reshape(n, 4) @ A.T
         trust = inside / (1 + np.maximum(squared, 0) / CAUCHY**2)
     counted = trust.sum(1)
-    cov = np.linalg.inv(normal) + FLOOR_MPS**2 * np.eye(2)
+    ahead_mps = (STEP_PX / dt_s * range_m**2 / (f * baseline_m))[:, None] * T_car_vehicle[2, :2]
+    cov = np.linalg.inv(normal) + FLOOR_MPS**2 * np.eye(2) + ahead_mps[:, :, None] * ahead_mps[:, None, :]
     return v_mps, cov, (counted >= LEAST) & (counted >= LEAST_SHARE * inside.sum(1))
 
 
@@ -316,7 +319,9 @@ def correct_velocity(
     x[rows], P[rows] = np.where(doubtful[:, None], then, better), np.where(doubtful[:, None, None], cov, less)
 
 
-def approach(x: Floats, P: Floats, ahead: Floats, twist: Floats, twist_cov: Floats) -> tuple[Floats, Floats, Floats]:
+def approach(
+    x: Floats, P: Floats, ahead: Floats, eye: Floats, fb: float, twist: Floats, twist_cov: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Return when tracks will be level with the cameras, the sigma of that, and how far they are from standing still.
 
     Parameters
@@ -325,6 +330,8 @@ def approach(x: Floats, P: Floats, ahead: Floats, twist: Floats, twist_cov: Floa
         (n, 5) and (n, 5, 5).
     ahead
         (4,) the cameras' forward axis in the vehicle frame, and how far before the origin of that the cameras' is.
+    eye, fb
+        (3,) where the left camera is in the vehicle frame; focal length times baseline, px m.
     twist, twist_cov
         (6,) how what stands still turns and moves as seen from the vehicle, rad/s and m/s, and (6, 6) its covariance;
         zeros where velocities are relative to the vehicle.
@@ -332,19 +339,22 @@ def approach(x: Floats, P: Floats, ahead: Floats, twist: Floats, twist_cov: Floa
     Returns
     -------
     (n,) and (n,) seconds, NaN where they do not come closer for sure; (n,) squared Mahalanobis distances of their
-    velocities from 0.
+    velocities from 0; (n, 3, 3) covariance of their places, with what all frames share.
     """
     n = ahead[:3]
     z_m = x[:, :3] @ n + ahead[3]
     closing_mps = -(x[:, 3:] @ n[:2]) - (np.cross(twist[:3], x[:, :3]) + twist[3:]) @ n
     closing_var = np.einsum("i,nij,j->n", n[:2], P[:, 3:, 3:], n[:2]) + n @ twist_cov[3:, 3:] @ n
-    z_var = np.einsum("i,nij,j->n", n, P[:, :3, :3], n)
+    # An error of the disparity moves a point along its line of sight.
+    sight = (x[:, :3] - eye) * (BIAS_PX * z_m / fb)[:, None]
+    places = P[:, :3, :3] + sight[:, :, None] * sight[:, None, :]
+    z_var = np.einsum("i,nij,j->n", n, places, n)
     both = np.einsum("i,nij,j->n", n, P[:, :3, 3:], n[:2])
     sure = closing_mps > np.maximum(CLOSING_MPS, CLOSING_SIGMAS * np.sqrt(closing_var))
     v = np.where(sure, closing_mps, np.nan)
     ttc_s = z_m / v
     sigma_s = np.sqrt(np.maximum(z_var + ttc_s**2 * closing_var + 2 * ttc_s * both, 0)) / v
-    return ttc_s, sigma_s, deviation(x[:, 3:], P[:, 3:, 3:])
+    return ttc_s, sigma_s, deviation(x[:, 3:], P[:, 3:, 3:]), places
 
 
 def deviation(v: Floats, cov: Floats) -> Floats:

@@ -24,7 +24,7 @@ WELL_KNOWN = 4
 
 
 def describe(
-    bank: Bank, rows: NDArray[np.intp], t_ns: int, ahead: FloatArray, twist: FloatArray | None, twist_cov: FloatArray
+    bank: Bank, rows: NDArray[np.intp], t_ns: int, optics: Optics, twist: FloatArray | None, twist_cov: FloatArray
 ) -> list[Track]:
     """Return what is known of some tracks.
 
@@ -34,8 +34,8 @@ def describe(
         The tracks.
     t_ns
         Now.
-    ahead
-        As in `Optics`.
+    optics
+        The cameras.
     twist, twist_cov
         (6,) how what stands turns and moves as seen from the vehicle, and (6, 6) its covariance; None where that is
         unknown and velocities are relative.
@@ -44,7 +44,7 @@ def describe(
     over_ground = twist is not None
     if twist is None:
         twist, twist_cov = np.zeros(6), np.zeros((6, 6))
-    ttc_s, sigma_s, off = approach(x, P, ahead, twist, twist_cov)
+    ttc_s, sigma_s, off, places = approach(x, P, optics.ahead, optics.eye, optics.fb, twist, twist_cov)
     is_known = over_ground & (bank.found[rows] >= WELL_KNOWN)
     speed = np.hypot(x[:, 3], x[:, 4])
     moves = is_known & (off > SURE) & (speed > SLOW_MPS)
@@ -68,7 +68,7 @@ def describe(
             ((t_ns - bank.born_ns[rows]) / 1e9).tolist(),
             ((t_ns - bank.seen_ns[rows]) / 1e9).tolist(),
             x[:, :3],
-            P[:, :3, :3],
+            places,
             x[:, 3:],
             P[:, 3:, 3:],
             np.where(moves, MOVING, np.where(stands, STANDING, UNKNOWN)).tolist(),

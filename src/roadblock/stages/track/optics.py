@@ -25,6 +25,10 @@ class Optics:
         (4,) f, cx, cy in px, and baseline in m.
     ahead
         (4,) the cameras' forward axis in the vehicle frame; with its last number, a point's forward distance.
+    eye
+        (3,) where the left camera is in the vehicle frame.
+    fb
+        Focal length times baseline, px m.
     """
 
     def __init__(self, rectification: Rectification, T_vehicle_car: FloatArray) -> None:
@@ -32,6 +36,7 @@ class Optics:
         self.T_vehicle_car, self.T_car_vehicle = np.array(T_vehicle_car, float), inverse(T_vehicle_car)
         self.twin = np.array([r.f_px, r.cx_px, r.cy_px, r.baseline_m], float)
         self.ahead = self.T_car_vehicle[2].copy()
+        self.eye = transform(self.T_vehicle_car, [-r.baseline_m / 2, 0.0, 0.0])
         self.fb = r.f_px * r.baseline_m
 
     def see(self, x: FloatArray, P: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

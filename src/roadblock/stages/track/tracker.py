@@ -385,4 +385,4 @@ class Tracker:
 
     def _described(self, bank: Bank, rows: Indices) -> list[Track]:
         twist = self._twist if self._over_ground else None
-        return describe(bank, rows, self._t_ns, self.optics.ahead, twist, self._twist_cov)
+        return describe(bank, rows, self._t_ns, self.optics, twist, self._twist_cov)
