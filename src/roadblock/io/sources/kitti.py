@@ -8,18 +8,14 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from roadblock.errors import SourceError
-from roadblock.geometry.pose import pose
 from roadblock.io.rig import read_kitti_object, read_kitti_odometry, read_kitti_raw
 from roadblock.io.sources.folders import sides_of, stamp
 from roadblock.io.sources.image import image_size
+from roadblock.io.sources.kitti_poses import read_oxts, read_poses
 from roadblock.io.sources.pairing import FramePaths, pair_folders
 from roadblock.io.sources.source import ImagePairs, StereoSource
-from roadblock.io.sources.text import read_lines
 from roadblock.values.camera import StereoRig
-from roadblock.values.checks import FloatArray
 
 Pair = tuple[int, int]
 """Numbers of the left and the right camera."""
@@ -117,7 +113,8 @@ def _numbers(rig: StereoRig) -> tuple[object, ...]:
 def open_raw(pair: Pair, path: Path, rig: StereoRig | None, gray: bool) -> StereoSource:
     """Open a raw drive: `image_0N/data`, the left camera's `timestamps.txt`, `calib_cam_to_cam*.txt` in it or above.
 
-    The size of the images decides whether they are the raw ones or the rectified ones.
+    The size of the images decides whether they are the raw ones or the rectified ones. Grey pairs have poses where
+    `oxts/` knows them (see `kitti_poses`) and no rig is given.
 
     Raises
     ------
@@ -130,12 +127,18 @@ def open_raw(pair: Pair, path: Path, rig: StereoRig | None, gray: bool) -> Stere
     stamps = frames[0].left.parents[1] / "timestamps.txt"
     if not stamps.is_file():
         raise SourceError(f"{stamps} is missing, but a raw drive needs it: copy it, or open it as a list of pairs")
+    poses = None
+    if rig is None:
+        calibration = _raw_calibration(path)
+        rig = read_kitti_raw(calibration, pair=pair, size_px=image_size(frames[0].left))
+        poses = read_oxts(path, frames, calibration if rig.is_rectified else None) if pair == GRAY else None
     return ImagePairs(
         name=path.resolve().name,
-        rig=rig or read_kitti_raw(_raw_calibration(path), pair=pair, size_px=image_size(frames[0].left)),
+        rig=rig,
         frames=stamp(frames, stamps),
         is_sequence=True,
         gray=gray,
+        poses=poses,
     )
 
 
@@ -165,7 +168,7 @@ def open_odometry(pair: Pair, path: Path, rig: StereoRig | None, gray: bool) -> 
         If the calibration cannot be trusted.
     """
     frames = _frames(path, FLAT_SIDES[pair])
-    calibration, times, poses = path / "calib.txt", path / "times.txt", path / "poses.txt"
+    calibration, times = path / "calib.txt", path / "times.txt"
     if rig is None and not calibration.is_file():
         raise SourceError(f"{calibration} is missing, but says how the cameras stand: give the rig with --rig FILE")
     if times.is_file():
@@ -178,28 +181,8 @@ def open_odometry(pair: Pair, path: Path, rig: StereoRig | None, gray: bool) -> 
         frames=frames,
         is_sequence=True,
         gray=gray,
-        poses=_read_poses(poses, frames) if pair == GRAY and poses.is_file() else None,
+        poses=read_poses(path / "poses.txt", frames) if pair == GRAY else None,
     )
-
-
-def _read_poses(path: Path, frames: tuple[FramePaths, ...]) -> tuple[FloatArray, ...] | None:
-    """Return the poses of the frames: a line of 12 numbers each, in order, or by the number that a frame is named.
-
-    None if the file is empty.
-    """
-    rows = []
-    for number, line in read_lines(path):
-        try:
-            T = np.array([float(word) for word in line.split()]).reshape(3, 4)
-        except ValueError as error:
-            raise SourceError(f"{path} line {number} must be 12 numbers, a pose, but is {line!r:.40}") from error
-        u, _, v = np.linalg.svd(T[:, :3])  # seven digits are not quite a rotation
-        rows.append(pose(u @ v, T[:, 3]))
-    if len(rows) in (0, len(frames)):
-        return tuple(rows) or None
-    if all(frame.name.isdecimal() and int(frame.name) < len(rows) for frame in frames):
-        return tuple(rows[int(frame.name)] for frame in frames)
-    raise SourceError(f"{path} holds {len(rows)} poses for {len(frames)} pairs: one line per pair is expected")
 
 
 Test = Callable[[Path], bool]

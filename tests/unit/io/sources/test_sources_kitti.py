@@ -134,7 +134,7 @@ def test_odometry_with_poses(tmp_path: Path, images, put) -> None:
     with pytest.raises(SourceError, match=r"holds 1 poses for 2 pairs"):
         open_source(tmp_path)
     (tmp_path / "poses.txt").write_text(f"{still}\n1 2 3\n")
-    with pytest.raises(SourceError, match=r"poses.txt line 2 must be 12 numbers, a pose, but is '1 2 3'"):
+    with pytest.raises(SourceError, match=r"poses.txt line 2 must be 12 numbers, but is '1 2 3'"):
         open_source(tmp_path)
 
 
@@ -161,6 +161,7 @@ def test_raw(raw: Path) -> None:
     assert source.rig.baseline_m == pytest.approx(0.537)
     # by the number in the name: lines 1 and 3, counted from 0
     assert [pair.t_ns for pair in source] == [1317045941864025856, 1317045943864025856]
+    assert [pair.T_odom_left for pair in source] == [None, None]
 
 
 def test_raw_rectified_is_told_by_the_size(raw: Path, images, put) -> None:
