@@ -116,7 +116,7 @@ def test_correct(n: int) -> None:
     rng = np.random.default_rng(7)
     J, expected, measured = rng.normal(0, 5, (n, 3, 3)), rng.normal(0, 2, (n, 3)), rng.normal(0, 2, (9, 3))
     rows = some(n)
-    columns, grown_px2 = rng.permutation(9)[: len(rows)], rng.uniform(0, 9, (len(rows), 2))
+    columns, grown_px2 = rng.permutation(9)[: len(rows)], rng.uniform(0, 9, (len(rows), 3))
     agree("correct", rows, columns, x, P, expected, J, measured, covariances(9, 9), grown_px2)
 
 

@@ -238,8 +238,8 @@ def correct(
         for i in range(3):
             for j in range(3):
                 S[i, j] = H[i, 0] * PH[0, j] + H[i, 1] * PH[1, j] + H[i, 2] * PH[2, j] + noise_px2[c, i, j]
-        S[0, 0] += grown_px2[m, 0]
-        S[1, 1] += grown_px2[m, 1]
+        for i in range(3):
+            S[i, i] += grown_px2[m, i]
         _invert(S, inverse)
         o0, o1, o2 = (
             measured[c, 0] - expected[k, 0],

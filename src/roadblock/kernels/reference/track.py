@@ -201,10 +201,10 @@ def correct(
     measured, noise_px2
         (m, 3) u, v, d and (m, 3, 3) their covariance.
     grown_px2
-        (k, 2) by how much more u and v may be off.
+        (k, 3) by how much more u, v and d may be off.
     """
     J, noise_px2 = J[rows], noise_px2[columns]
-    noise_px2[:, [0, 1], [0, 1]] += grown_px2
+    noise_px2[:, [0, 1, 2], [0, 1, 2]] += grown_px2
     PH = P[rows, :, :3] @ J.swapaxes(1, 2)
     K = np.linalg.solve(J @ PH[:, :3] + noise_px2, PH.swapaxes(1, 2)).swapaxes(1, 2)
     x[rows] += (K @ (measured[columns] - expected[rows])[..., None])[..., 0]

@@ -18,7 +18,7 @@ from roadblock.kernels.compiled.track import (
     learn,
     predict,
 )
-from roadblock.kernels.reference.track import FAR, SIZE
+from roadblock.kernels.reference.track import FAR, SIZE, TINY
 from roadblock.stages.track.associate import assign, covered
 from roadblock.stages.track.bank import Bank, Seen, see
 from roadblock.stages.track.describe import WELL_KNOWN, describe, moved_obstacle
@@ -44,6 +44,8 @@ LOOKS_SHARE, PIECE_SHARE = 0.3, 0.05
 SLIP_M, SLIP_S = 1.5, 1.0
 """They may be so far apart: the near end of a wall goes with the vehicle that looks at it. Or they have gone there
 within this time: the velocity is so much less sure."""
+RETURN_S, RETURN_M = 0.25, 1.0
+"""What was unseen for so long comes out from behind something: in part, joined to it, its distance may be off."""
 ALIKE_M, ALIKE_SHARE = 2.0, 0.15
 """What covers a track may be so far before or behind it to be taken for the whole of which it is a part."""
 LEAST_HALF_PX = 4.0
@@ -186,7 +188,7 @@ class Tracker:
         return T, self._twist_cov * dt_s**2 + np.diag(sigma**2)
 
     def _matched(self, seen: Seen, expected: _Expected) -> tuple[Indices, Indices, FloatArray]:
-        """Return which track (rows) is which obstacle (columns), and how much more (k, 2) u and v may be off.
+        """Return which track (rows) is which obstacle (columns), and how much more (k, 3) u, v and d may be off.
 
         Tracks choose first, by distance; then, by shared pixels, those that were torn apart, grew together or slipped;
         what is left is for those seen but once.
@@ -194,7 +196,9 @@ class Tracker:
         looks, is_known, is_left = self._bank.looks, self._bank.id > 0, np.ones(len(seen.uvd), bool)
         known, new = np.flatnonzero(is_known), np.flatnonzero(~is_known)
         rows, columns = self._near(known, np.flatnonzero(is_left), seen, expected)
-        grown_px2 = np.zeros((len(rows), 2))
+        grown_px2 = np.zeros((len(rows), 3))
+        returned = self._t_ns - self._bank.seen_ns[rows] > 1e9 * RETURN_S
+        grown_px2[returned, 2] = (RETURN_M * seen.uvd[columns[returned], 2] ** 2 / self.optics.fb) ** 2
         self._learn(rows, columns, seen, expected)
         looks[rows] += LOOKS_SHARE * (seen.looks[columns] - looks[rows])
         is_known[rows], is_left[columns] = False, False
@@ -204,7 +208,7 @@ class Tracker:
             is_left[wholes] = False
             late = self._near(new, np.flatnonzero(is_left), seen, expected)
             rows, columns = np.concatenate([rows, parts, late[0]]), np.concatenate([columns, wholes, late[1]])
-            grown_px2 = np.concatenate([grown_px2, more_px2, np.zeros((len(late[0]), 2))])
+            grown_px2 = np.concatenate([grown_px2, more_px2, np.zeros((len(late[0]), 3))])
         return rows, columns, grown_px2
 
     def _near(self, rows: Indices, columns: Indices, seen: Seen, expected: _Expected) -> tuple[Indices, Indices]:
@@ -232,19 +236,27 @@ class Tracker:
         """Return which of some tracks is part of which of some obstacles, or the other way round.
 
         Their distance says much about them, but where in the picture their middle is says little: the last is how much
-        larger the variances (k, 2) of u and v are.
+        larger the variances (k, 3) of u, v and d are.
         """
         if not len(rows) or not len(columns):
-            return rows[:0], columns[:0], np.zeros((0, 2))
+            return rows[:0], columns[:0], np.zeros((0, 3))
         boxes, others = self._boxes(rows, expected), seen.boxes[columns]
-        shared = np.maximum(covered(boxes, others), covered(others, boxes).T)
+        mine, theirs = covered(boxes, others), covered(others, boxes).T
+        # Of two that are inside, who is most of it gets it: intersection over union.
+        alike = mine * theirs / np.maximum(mine + theirs - mine * theirs, TINY)
         off_px = seen.uvd[columns, 2] - expected.uvd[rows, None, 2]
         off_m = self.optics.fb / seen.uvd[columns, 2] - self.optics.fb / expected.uvd[rows, None, 2]
         sigma_px2 = expected.S[rows, None, 2, 2] + seen.noise_px2[columns, 2, 2]
         close = (off_px**2 <= self.settings.gate * sigma_px2) | (np.abs(off_m) <= SLIP_M)
-        i, j = assign(np.where(close & (shared >= SAME_SHARE), 1 - shared, FAR))
+        i, j = assign(
+            np.where(
+                close & (np.maximum(mine, theirs) >= SAME_SHARE), 1 - np.maximum(mine, theirs) + (1 - alike) / 2, FAR
+            )
+        )
         self._slip(rows[i], off_m[i, j])
-        return rows[i], columns[j], ((others[j, 2:] - others[j, :2]) / 2) ** 2
+        grown_px2 = np.zeros((len(i), 3))
+        grown_px2[:, :2] = ((others[j, 2:] - others[j, :2]) / 2) ** 2
+        return rows[i], columns[j], grown_px2
 
     def _slip(self, rows: Indices, off_m: FloatArray) -> None:
         """Let the places of tracks be off by so much, which says nothing about their velocities but doubt."""
