@@ -97,7 +97,7 @@ class Pipeline:
         ego, free_space = None, found.free_space
         if self.settings.track.enabled and pair.t_ns != 0:  # single frames have no moment
             with _timed(timings_ms, "egomotion"):
-                ego = self._measure_ego(rectified)
+                ego = self._measure_ego(rectified, pair.T_odom_left)
             with _timed(timings_ms, "fuse"):
                 free_space = self._remember(free_space, pair.t_ns, ego)
             with _timed(timings_ms, "track"):

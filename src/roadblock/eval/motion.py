@@ -13,12 +13,16 @@ import numpy as np
 
 from roadblock.eval.match import Record, boxes_of, overlaps
 from roadblock.eval.plain import plain_record, share
-from roadblock.eval.things import Judged, counts
+from roadblock.eval.things import Judged, counts, is_at_depth
 from roadblock.eval.tracks import SeenFrame
 from roadblock.values.checks import FloatArray
 
-TOUCHES = 0.1
-"""A track whose box overlaps no thing by more follows something without a name, and is not judged."""
+TOUCHES, COVERS = 0.1, 0.5
+"""A track is of a thing whose box overlaps its own by the first at the same depth, or by the second at any; one of no
+thing follows something without a name, and is not judged."""
+STRUCTURES = frozenset(("railing", "wall", "fence", "hedge", "building", "vegetation"))
+"""Types that go on along the road: where one ends and the next begins is the truth's choice, so that an identity means
+nothing. As in the tracking tasks of KITTI and nuScenes, they and their tracks count neither way."""
 UNLIKE_M = 2.0
 """Places this far apart have nothing in common, as in TrackEval."""
 SETTLED_S = 1.0
@@ -44,10 +48,12 @@ def seen_frame(found: Sequence[Record], true: Sequence[Record], by_place: bool =
         They are alike by their places on the road, `1 - distance / 2 m`, instead of the overlap of their boxes.
     """
     tracks = [o for o in found if o.get("id") is not None]
-    is_judged = np.array([counts(t) for t in true], bool)
+    is_judged = np.array([counts(t) and t["type"] not in STRUCTURES for t in true], bool)
     similarity = overlaps(boxes_of(true, "true"), boxes_of(tracks, "found"))
-    best = similarity[is_judged].max(0, initial=0)
-    known = (best > TOUCHES) & (best >= similarity[~is_judged].max(0, initial=0))
+    level = np.array([[is_at_depth(o, t) for o in tracks] for t in true], bool).reshape(similarity.shape)
+    touching = np.where(level | (similarity >= COVERS), similarity, 0)
+    best = touching[is_judged].max(0, initial=0)
+    known = (best > TOUCHES) & (best >= touching[~is_judged].max(0, initial=0))
     if by_place:
         places, true_places = (
             np.array([r["position_m"][:2] for r in records], float).reshape(-1, 2) for records in (tracks, true)

@@ -104,9 +104,16 @@ def share_inside(box: Sequence[float], other: Sequence[float]) -> float:
 
 
 def _is_piece(obstacle: Record, thing: Record) -> bool:
+    return share_inside(obstacle["box_px"], thing["box_px"]) >= 0.5 and is_at_depth(obstacle, thing)
+
+
+def is_at_depth(obstacle: Record, thing: Record) -> bool:
+    """Whether an obstacle's range is one that some part of a thing has, to 1 m or 10 %; never where that is unknown."""
+    if thing.get("range_m") is None:
+        return False
     depth_m = obstacle["range_m"] - thing["range_m"]
     near_m = max(1.0, 0.1 * thing["range_m"])
-    return share_inside(obstacle["box_px"], thing["box_px"]) >= 0.5 and -near_m <= depth_m <= near_m + _along(thing)
+    return bool(-near_m <= depth_m <= near_m + _along(thing))
 
 
 def _along(thing: Record) -> float:

@@ -15,10 +15,14 @@ from pydantic import Field
 
 from roadblock.errors import RigError, SourceError
 from roadblock.geometry.boxes import footprint, visible_face
+from roadblock.geometry.pose import inverse, transform, vehicle_from_car
+from roadblock.geometry.stereo import image_from_car
 from roadblock.io.results import read_records
 from roadblock.io.rig import read_rig
 from roadblock.io.schema import Box, Record, Triple
 from roadblock.io.sources.text import read_lines
+from roadblock.values.camera import Rectification, StereoRig
+from roadblock.values.checks import FloatArray
 from roadblock.values.scene import NEAREST_FACE_PERCENT
 from roadblock.values.true_map import TrueMap
 
@@ -26,6 +30,8 @@ TRUTH, RIG, SCHEMA = "truth.jsonl", "rig.yaml", 1
 MAPS = (("disp_occ_0", "obj_map"), ("disparity", "ids"))
 """Folders of disparities (256 steps a pixel, 0 = unknown) and of the things' numbers: KITTI 2015's, and ours."""
 STEPS_PER_PX = 256
+NEAREST_M = 0.1
+"""What reaches nearer than this, or behind the cameras, is cut off there."""
 KITTI_TYPES = {
     "Car": "car", "Van": "van", "Truck": "truck", "Pedestrian": "person", "Person_sitting": "person_sitting",
     "Cyclist": "cyclist", "Tram": "tram", "Misc": "misc",
@@ -79,7 +85,8 @@ class Truth:
         One record per frame with `name`, `t_ns`, `objects`, `doubts` (boxes where nobody knows) and `ego` (None where
         unknown). An object has `type`, `box_px`, `range_m` (to its nearest visible face), `position_m`, `size_m`
         (width, height, length along its own axes), `center_m`, `yaw_rad`; simulated ones also `id`, `visible_px` and
-        `velocity_mps`, labelled ones `occluded` and `truncated`.
+        `velocity_mps`, labelled ones `occluded`. `truncated` is the share of its outline that lies outside the picture:
+        labelled, and found for simulated drives with a rectified rig and poses.
     maps
         Returns the true maps frame by frame; None where there are none.
     warnings
@@ -106,8 +113,10 @@ def read_truth(path: Path | str) -> Truth:
     path = Path(path)
     file = path / TRUTH if path.is_dir() else path
     if file.is_file():
-        frames = tuple(record | {"doubts": []} for record in read_records(file, TrueFrameRecord, SCHEMA, "truth"))
-        return Truth(path, "simulated", frames, _maps_of(path), _warnings(file.parent / RIG))
+        records = read_records(file, TrueFrameRecord, SCHEMA, "truth")
+        rig = read_rig(file.parent / RIG) if (file.parent / RIG).is_file() else None
+        frames = tuple(record | {"objects": _with_cuts(record["objects"], rig), "doubts": []} for record in records)
+        return Truth(path, "simulated", frames, _maps_of(path), _warnings(rig))
     labels, maps = path / "label_2", _maps_of(path)
     if not labels.is_dir() and maps is None:
         kinds = " or ".join(f"{disparity}/ with {ids}/" for disparity, ids in MAPS)
@@ -116,8 +125,32 @@ def read_truth(path: Path | str) -> Truth:
     return Truth(path, "kitti labels" if labels.is_dir() else None, frames, maps)
 
 
-def _warnings(rig: Path) -> tuple[str, ...]:
-    if not rig.is_file() or read_rig(rig).is_rectified:
+def _with_cuts(objects: list[dict[str, Any]], rig: StereoRig | None) -> list[dict[str, Any]]:
+    """Return things with the share of each that the picture cuts off, as KITTI's labels have it, where it is known."""
+    if rig is None or not rig.is_rectified:
+        return objects
+    left, T_car_vehicle = rig.left, inverse(vehicle_from_car(rig.T_vehicle_car))
+    twin = Rectification(left.fx_px, left.cx_px, left.cy_px, rig.baseline_m, left.size_px)
+    return [
+        thing if thing.get("center_m") is None else thing | {"truncated": _share_cut(thing, twin, T_car_vehicle)}
+        for thing in objects
+    ]
+
+
+def _share_cut(thing: dict[str, Any], twin: Rectification, T_car_vehicle: FloatArray) -> float:
+    width_m, height_m, length_m = thing["size_m"]
+    outline = footprint(np.array(thing["center_m"]), thing["yaw_rad"], length_m, width_m)
+    up_m = np.repeat([thing["center_m"][2] - height_m / 2, thing["center_m"][2] + height_m / 2], 4)
+    corners = transform(T_car_vehicle, np.concatenate([np.tile(outline, (2, 1)), up_m[:, None]], 1))
+    corners[:, 2] = np.maximum(corners[:, 2], NEAREST_M)
+    uv = image_from_car(twin, corners)[:, :2]
+    low, high = uv.min(0), uv.max(0)
+    shown = np.clip(high, 0, twin.size_px) - np.clip(low, 0, twin.size_px)
+    return float(1 - np.prod(shown) / np.prod(high - low))
+
+
+def _warnings(rig: StereoRig | None) -> tuple[str, ...]:
+    if rig is None or rig.is_rectified:
         return ()
     return (
         "the drive's images are not rectified: true boxes are in the raw left image, found ones in the rectified one, "

@@ -2,10 +2,11 @@
 
 Corners of the earlier left image are measured by the Lucas-Kanade method in the earlier right one, in the later left
 one and in the later right one, all at half resolution. What most of them agree on (RANSAC) is refined by robust
-Gauss-Newton over (u, v, d), in which the noise of both measurements of a feature counts.
+Gauss-Newton over (u, v, d), in which the noise of both measurements of a feature counts. Or the recording says how its
+cameras moved (wheels, inertia, satellites); then the features only tell what else moves.
 """
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -60,6 +61,9 @@ class EgomotionSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
+    source: Literal["images", "recording"] = Field(
+        "images", description="Who tells: the images, or the recording's own odometry."
+    )
     features: int = Field(300, ge=30, le=5000, description="About how many corners are followed.")
     least_features: int = Field(20, ge=6, description="Fewer that agree say nothing.")
     least_share: float = Field(0.4, gt=0, le=1, description="Smallest share of the features that must agree.")
@@ -77,11 +81,12 @@ class _Motion(NamedTuple):
 
 
 class _Frame(NamedTuple):
-    """What is kept of a frame: its images and its corners (n, 3) u, v, d at full resolution."""
+    """What is kept of a frame: its images, its corners (n, 3) u, v, d at full resolution, and where it was taken."""
 
     t_ns: int
     left: Gray
     uvd: FloatArray
+    T_odom_car: FloatArray | None
 
 
 class Odometer:
@@ -102,9 +107,18 @@ class Odometer:
         self._twist: FloatArray | None = None
         self._twist_t_ns = 0
         self._offset_px, self._offset_px2 = 0.0, self.settings.offset_px**2
+        to_middle = pose(np.eye(3), np.array([rectification.baseline_m / 2, 0.0, 0.0]))
+        self._T_left_car = pose(rectification.R_rect_left.T, np.zeros(3)) @ to_middle
 
-    def __call__(self, pair: RectifiedPair) -> EgoMotion | None:
+    def __call__(self, pair: RectifiedPair, T_odom_left: FloatArray | None = None) -> EgoMotion | None:
         """Take the next pair in.
+
+        Parameters
+        ----------
+        pair
+            The images.
+        T_odom_left
+            As in `StereoPair`.
 
         Returns
         -------
@@ -116,23 +130,46 @@ class Odometer:
             return None
         left, right = half_images(pair)
         corners = spread_corners(left, self.settings.features, BLOCK_PX, CELL_PX, WINDOW_PX // 2 + 1, CONTRAST)
-        self._before = _Frame(pair.t_ns, left, _in_both(left, right, corners)[0])
+        T_odom_car = None if T_odom_left is None else T_odom_left @ self._T_left_car
+        self._before = _Frame(pair.t_ns, left, _in_both(left, right, corners)[0], T_odom_car)
         if before is None or pair.t_ns <= before.t_ns:
             return None
-        found = self._measure(before, left, right, pair.t_ns)
+        dt_s = (pair.t_ns - before.t_ns) / 1e9
+        if dt_s > self.settings.longest_s:
+            return EgoMotion.unknown(before.t_ns, pair.t_ns, f"no frame for {dt_s:.1f} s")
+        then, now = self._followed(before, left, right, dt_s)
+        if self.settings.source == "recording":
+            found = self._recorded(before, self._before, then, now)
+        else:
+            found = self._measure(before, then, now, pair.t_ns)
         if isinstance(found, str):
             return EgoMotion.unknown(before.t_ns, pair.t_ns, found)
         return found
 
-    def _measure(self, before: _Frame, left: Gray, right: Gray, t_ns: int) -> EgoMotion | str:
-        s, dt_s = self.settings, (t_ns - before.t_ns) / 1e9
-        if dt_s > s.longest_s:
-            return f"no frame for {dt_s:.1f} s"
+    def _followed(self, before: _Frame, left: Gray, right: Gray, dt_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return (n, 3) u, v, d of features in the frame before and in this one."""
         begin = ((before.uvd[:, :2] - 0.5) / 2).astype(np.float32)
         guess, levels = self._foreseen(before.uvd, begin, dt_s)
         there, good = _follow(before.left, left, begin, guess, levels)
         now, seen = _in_both(left, right, there[good], before.uvd[good, 2])
-        then = before.uvd[good][seen]
+        return before.uvd[good][seen], now
+
+    def _recorded(self, before: _Frame, latest: _Frame, then: FloatArray, now: FloatArray) -> EgoMotion | str:
+        """Return the motion that the recording tells, as sure as a measured one can be, and what features add."""
+        if before.T_odom_car is None or latest.T_odom_car is None:
+            return "the recording does not say"
+        T = inverse(latest.T_odom_car) @ before.T_odom_car
+        self._move(T, (latest.t_ns - before.t_ns) / 1e9, latest.t_ns)
+        offs = _compared(self.rectification, T, 0.0, then, now, self.settings.sigma_px)
+        flow = Flow(now[offs.ahead], offs.residual[offs.ahead], offs.weight[offs.ahead])
+        return EgoMotion(before.t_ns, latest.t_ns, T, _lens_error(T), flow=flow)
+
+    def _move(self, T: FloatArray, dt_s: float, t_ns: int) -> None:
+        """Remember how the vehicle moves."""
+        self._twist, self._twist_t_ns = np.concatenate([rotvec_from_rotation(T[:3, :3]), T[:3, 3]]) / dt_s, t_ns
+
+    def _measure(self, before: _Frame, then: FloatArray, now: FloatArray, t_ns: int) -> EgoMotion | str:
+        s, dt_s = self.settings, (t_ns - before.t_ns) / 1e9
         if len(then) < s.least_features:
             return f"only {len(then)} features could be followed"
         T = _agreed(self.rectification, then, now)
@@ -146,7 +183,7 @@ class Odometer:
         self._offset_px, self._offset_px2 = motion.offset_px, min(float(motion.cov[6, 6]), s.offset_px**2)
         T, cov = motion.T, motion.cov[:6, :6] + _lens_error(motion.T)
         jerked = self._jerked(T, cov, dt_s, t_ns)
-        self._twist, self._twist_t_ns = np.concatenate([rotvec_from_rotation(T[:3, :3]), T[:3, 3]]) / dt_s, t_ns
+        self._move(T, dt_s, t_ns)
         if jerked:
             return jerked
         return EgoMotion(before.t_ns, t_ns, T, cov, used=count, flow=flow)
@@ -239,31 +276,66 @@ def _refined(
     prior = np.zeros((7, 7))
     prior[6, 6] = 1 / start.cov[6, 6]
     for _ in range(STEPS):
-        shifted = then + offset_px * shape_then
-        points = triangulate(rectification, shifted)
-        moved = points @ T[:3, :3].T + T[:3, 3]
-        ahead = moved[:, 2] > NEAREST_M
-        moved = np.where(ahead[:, None], moved, [0.0, 0.0, 1.0])
-        J_now = image_jacobian(rectification, moved)
-        carried = J_now @ (T[:3, :3] @ triangulate_jacobian(rectification, shifted))
-        weight = np.linalg.inv(sigma_px**2 * (np.eye(3) + carried @ carried.swapaxes(1, 2)))
-        residual = now - image_from_car(rectification, moved) + offset_px * shape_now
-        squared = np.einsum("ni,nij,nj->n", residual, weight, residual)
-        trust = ahead / (1 + squared / CAUCHY**2)
-        by_offset = carried @ shape_then[..., None] - shape_now[..., None]
-        J = np.concatenate([J_now @ -skew(moved), J_now, by_offset], 2)
-        JW = J.swapaxes(1, 2) @ (weight * trust[:, None, None])
+        at = _compared(rectification, T, offset_px, then, now, sigma_px)
+        trust = at.ahead / (1 + at.squared / CAUCHY**2)
+        by_offset = at.carried @ shape_then[..., None] - shape_now[..., None]
+        J = np.concatenate([at.J @ -skew(at.moved), at.J, by_offset], 2)
+        JW = J.swapaxes(1, 2) @ (at.weight * trust[:, None, None])
         normal = (JW @ J).sum(0) + prior
-        pull = (JW @ residual[..., None]).sum(0)[:, 0] + prior[6] * (start.offset_px - offset_px)
+        pull = (JW @ at.residual[..., None]).sum(0)[:, 0] + prior[6] * (start.offset_px - offset_px)
         step = np.linalg.lstsq(normal, pull, rcond=None)[0]
         T, offset_px = pose(rotation_from_rotvec(step[:3]), step[3:6]) @ T, offset_px + float(step[6])
         if np.abs(step).max() < CONVERGED:
             break
-    used = ahead & (squared < OUTLIER)
+    used = at.ahead & (at.squared < OUTLIER)
     # What the features scatter more than they should, the motion is less sure.
-    excess = max(1.0, float(np.median(squared[used])) / MEDIAN_OF_3) if used.any() else 1.0
-    flow = Flow((now + offset_px * shape_now)[ahead], residual[ahead], np.asarray(weight[ahead], float))
+    excess = max(1.0, float(np.median(at.squared[used])) / MEDIAN_OF_3) if used.any() else 1.0
+    ahead = at.ahead
+    flow = Flow((now + offset_px * shape_now)[ahead], at.residual[ahead], at.weight[ahead])
     return _Motion(T, offset_px, np.linalg.pinv(normal) * excess), used, flow
+
+
+class _Compared(NamedTuple):
+    """Features (n) against a motion.
+
+    Attributes
+    ----------
+    moved, ahead
+        (n, 3) where they should be, car frame; (n,) whether that is before the cameras.
+    J, carried
+        (n, 3, 3) derivatives of their u, v, d by where they should be, and by their u, v, d before.
+    weight, residual, squared
+        (n, 3, 3) information, (n, 3) how far off they are, pixels, and (n,) the square of that in sigmas.
+    """
+
+    moved: FloatArray
+    ahead: NDArray[np.bool_]
+    J: FloatArray
+    carried: FloatArray
+    weight: FloatArray
+    residual: FloatArray
+    squared: FloatArray
+
+
+def _compared(
+    rectification: Rectification,
+    T: FloatArray,
+    offset_px: float,
+    then: FloatArray,
+    now: FloatArray,
+    sigma_px: float,
+) -> _Compared:
+    """Compare features with the motion `T` if all disparities are too small by `offset_px`; see `_refined`."""
+    shifted = then + offset_px * _yaw_shape(rectification, then)
+    moved = triangulate(rectification, shifted) @ T[:3, :3].T + T[:3, 3]
+    ahead = moved[:, 2] > NEAREST_M
+    moved = np.where(ahead[:, None], moved, [0.0, 0.0, 1.0])
+    J = image_jacobian(rectification, moved)
+    carried = J @ (T[:3, :3] @ triangulate_jacobian(rectification, shifted))
+    weight = np.linalg.inv(sigma_px**2 * (np.eye(3) + carried @ carried.swapaxes(1, 2)))
+    residual = now - image_from_car(rectification, moved) + offset_px * _yaw_shape(rectification, now)
+    squared = np.einsum("ni,nij,nj->n", residual, weight, residual)
+    return _Compared(moved, ahead, J, carried, np.asarray(weight, float), residual, squared)
 
 
 def _lens_error(T: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from roadblock.errors import ValueRefusedError
 from roadblock.values.camera import Rectification
-from roadblock.values.checks import FloatArray, finite, locked
+from roadblock.values.checks import FloatArray, finite, locked, rigid_transform
 
 Gray = NDArray[np.uint8]
 Image = NDArray[Any]
@@ -57,11 +57,13 @@ class StereoPair:
     t_ns
         Moment of exposure of the left image, ns since the epoch (or since the start of a video); 0 for single
         frames, whose moment is unknown.
+    T_odom_left
+        (4, 4) where the recording says the left camera was, in a frame that stays; None where it says nothing.
 
     Raises
     ------
     ValueRefusedError
-        If the images are no pair (see `check_pair`).
+        If the images are no pair (see `check_pair`), or the pose is no rigid transform.
     """
 
     left: Image
@@ -69,11 +71,14 @@ class StereoPair:
     index: int = 0
     name: str = "0"
     t_ns: int = 0
+    T_odom_left: FloatArray | None = None
 
     def __post_init__(self) -> None:
         left, right = check_pair(self.left, self.right, f"frame {self.name}")
         object.__setattr__(self, "left", left)
         object.__setattr__(self, "right", right)
+        if self.T_odom_left is not None:
+            object.__setattr__(self, "T_odom_left", rigid_transform("T_odom_left", self.T_odom_left))
 
 
 class RectifiedPair:

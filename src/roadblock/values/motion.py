@@ -127,6 +127,13 @@ class Track:
         if self.motion not in MOTIONS:
             raise ValueRefusedError(f"motion must be one of {', '.join(MOTIONS)}, but got {self.motion!r}")
 
+    @classmethod
+    def known(cls, **fields: object) -> Self:
+        """Return a track of fields that need no check, from a stage that made them itself."""
+        track = object.__new__(cls)
+        object.__setattr__(track, "__dict__", fields)
+        return track
+
     @property
     def velocity_sigma_mps(self) -> FloatArray:
         """(2,) standard deviations of the velocity, m/s."""

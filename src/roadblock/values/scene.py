@@ -399,7 +399,7 @@ class Obstacle:
     def recognized(self, **known: object) -> "Obstacle":
         """Return the same obstacle with fields that need no check, from a stage that made them itself."""
         other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__, **known)
+        object.__setattr__(other, "__dict__", self.__dict__ | known)
         return other
 
 

@@ -32,6 +32,24 @@ def test_tracks_of_what_has_no_name_are_not_judged():
     assert seen_frame([], []).similarity.shape == (0, 0)
 
 
+def test_tracks_of_a_house_behind_a_thing_are_not_judged():
+    """What overlaps by 0.14 is the thing if at its depth (10 to 14 m and a bit), and what does by 0.6 at any depth."""
+    true = [thing(1, 0)]
+    frame = seen_frame([track(7, 30, 25.0), track(8, 30, 13.0), track(9, 10, 25.0)], true)
+    assert frame.track_ids.tolist() == [8, 9]
+
+
+def test_structures_and_their_tracks_count_neither_way():
+    true = [thing(1, 0), thing(2, 100) | {"type": "railing"}]
+    frame = seen_frame([track(7, 0), track(8, 100)], true)
+    assert (frame.true_ids.tolist(), frame.track_ids.tolist()) == ([1], [7])
+
+
+def test_what_has_no_range_has_no_tracks():
+    frame = seen_frame([track(7, 10)], [thing(1, 0, range_m=None)])
+    assert (len(frame.true_ids), len(frame.track_ids)) == (0, 0)
+
+
 def test_places_are_alike_up_to_two_metres():
     """0.3 m ahead and 0.4 m aside of one; of what is 5 m off nothing is alike, though the boxes touch."""
     true = [thing(1, 0), thing(2, 100)]

@@ -102,6 +102,37 @@ def test_a_simulated_drive_with_maps(tmp_path):
     assert len(read_truth(tmp_path / "truth.jsonl").frames) == 1
 
 
+def at(x_m: float, y_m: float) -> dict:
+    """A box of 2x2x2 m, seen from 1 m over its bottom."""
+    thing = {"id": 1, "type": "box", "color": None, "box_px": [0, 0, 9, 9], "range_m": 4.0, "mean_range_m": 4.0}
+    return (
+        thing
+        | {"size_m": [2.0, 2.0, 2.0], "position_m": [x_m - 1, y_m, -1.0], "center_m": [x_m, y_m, 0.0], "yaw_rad": 0.0}
+        | {"visible_px": 400, "velocity_mps": [0.0] * 3, "yaw_rate_radps": 0.0}
+    )
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "share"),
+    [
+        (5.0, 0.0, 0.0),
+        (5.0, 2.0, 25 / (25 + 100 / 3)),  # from -25 (3 m aside, 4 m ahead) to 33.3 (1 m aside, 6 m ahead)
+        (0.5, 0.0, 1.0),  # around the cameras
+    ],
+)
+def test_how_much_of_a_thing_the_picture_cuts_off(tmp_path, x_m, y_m, share):
+    camera = Camera((101, 101), 100.0, 100.0, 50.0, 50.0)
+    T = np.eye(4)
+    T[0, 3] = 0.02
+    frame = {"schema": 1, "frame": 0, "name": "a", "t_ns": 0, "objects": [at(x_m, y_m)], "ego": None}
+    frame["ground"] = {"height_m": 1.0, "pitch_rad": 0.0, "roll_rad": 0.0}
+    (tmp_path / "truth.jsonl").write_text(json.dumps(frame) + "\n")
+    assert "truncated" not in read_truth(tmp_path).frames[0]["objects"][0]
+    write_rig(StereoRig(camera, camera, T), tmp_path / "rig.yaml")
+    (thing,) = read_truth(tmp_path).frames[0]["objects"]
+    assert thing["truncated"] == pytest.approx(share, abs=0.01)
+
+
 def test_what_is_no_truth(tmp_path):
     with pytest.raises(SourceError, match=r"holds no truth: expected truth.jsonl, label_2/, or maps"):
         read_truth(tmp_path)

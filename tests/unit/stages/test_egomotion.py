@@ -166,3 +166,31 @@ def test_a_motion_that_no_car_makes_is_not_believed(drive: list[RectifiedPair]) 
 def test_no_motion_found(drive: list[RectifiedPair], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cv2, "solvePnPRansac", lambda *_, **__: (False, np.zeros(3), np.zeros(3), None))
     assert reason(drive[0], drive[1]) == "no motion that the features agree on"
+
+
+def turned() -> tuple[Rectification, np.ndarray]:
+    """Return the twin cameras of a left camera that is turned, and `T_left_car`."""
+    R = rotation_from_rotvec([0.02, -0.1, 0.03])
+    twin = Rectification(TWIN.f_px, TWIN.cx_px, TWIN.cy_px, TWIN.baseline_m, TWIN.size_px, R_rect_left=R)
+    return twin, pose(R.T, np.zeros(3)) @ pose(np.eye(3), [TWIN.baseline_m / 2, 0, 0])
+
+
+def test_a_recording_that_says_how_it_moved(drive: list[RectifiedPair]) -> None:
+    """Exactly as it says, in the car frame; the features stand still."""
+    twin, T_left_car = turned()
+    odometer = Odometer(twin, EgomotionSettings(source="recording"))
+    poses = [pose(rotation_from_rotvec([0.3, 0.2, 0.1]), [5.0, 6.0, 7.0]) @ T @ inverse(T_left_car) for T in path(2)]
+    assert odometer(drive[0], poses[0]) is None
+    found = odometer(drive[1], poses[1])
+    truth = inverse(pose(rotation_from_rotvec([0.0, 0.02, 0.0]), [0.0, 0.0, 0.8]))
+    assert found.T_now_before == pytest.approx(truth, abs=1e-9)
+    assert np.sqrt(np.diag(found.cov)) == pytest.approx([2e-4] * 3 + [0.008] * 3, rel=0.01)
+    assert len(found.flow.uvd_px) > 80
+    assert np.median(np.abs(found.flow.off_px)) < 0.5
+
+
+def test_a_recording_that_does_not_say_how_it_moved(drive: list[RectifiedPair]) -> None:
+    odometer = Odometer(TWIN, EgomotionSettings(source="recording"))
+    assert odometer(drive[0], np.eye(4)) is None
+    assert odometer(drive[1]).reason == odometer(drive[2], np.eye(4)).reason == "the recording does not say"
+    assert odometer(drive[3], np.eye(4)).T_now_before == pytest.approx(np.eye(4))

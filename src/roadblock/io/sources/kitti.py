@@ -12,6 +12,7 @@ from roadblock.errors import SourceError
 from roadblock.io.rig import read_kitti_object, read_kitti_odometry, read_kitti_raw
 from roadblock.io.sources.folders import sides_of, stamp
 from roadblock.io.sources.image import image_size
+from roadblock.io.sources.kitti_poses import read_oxts, read_poses
 from roadblock.io.sources.pairing import FramePaths, pair_folders
 from roadblock.io.sources.source import ImagePairs, StereoSource
 from roadblock.values.camera import StereoRig
@@ -112,7 +113,8 @@ def _numbers(rig: StereoRig) -> tuple[object, ...]:
 def open_raw(pair: Pair, path: Path, rig: StereoRig | None, gray: bool) -> StereoSource:
     """Open a raw drive: `image_0N/data`, the left camera's `timestamps.txt`, `calib_cam_to_cam*.txt` in it or above.
 
-    The size of the images decides whether they are the raw ones or the rectified ones.
+    The size of the images decides whether they are the raw ones or the rectified ones. Grey pairs have poses where
+    `oxts/` knows them (see `kitti_poses`) and no rig is given.
 
     Raises
     ------
@@ -125,12 +127,18 @@ def open_raw(pair: Pair, path: Path, rig: StereoRig | None, gray: bool) -> Stere
     stamps = frames[0].left.parents[1] / "timestamps.txt"
     if not stamps.is_file():
         raise SourceError(f"{stamps} is missing, but a raw drive needs it: copy it, or open it as a list of pairs")
+    poses = None
+    if rig is None:
+        calibration = _raw_calibration(path)
+        rig = read_kitti_raw(calibration, pair=pair, size_px=image_size(frames[0].left))
+        poses = read_oxts(path, frames, calibration if rig.is_rectified else None) if pair == GRAY else None
     return ImagePairs(
         name=path.resolve().name,
-        rig=rig or read_kitti_raw(_raw_calibration(path), pair=pair, size_px=image_size(frames[0].left)),
+        rig=rig,
         frames=stamp(frames, stamps),
         is_sequence=True,
         gray=gray,
+        poses=poses,
     )
 
 
@@ -150,10 +158,12 @@ def _raw_calibration(path: Path) -> Path:
 def open_odometry(pair: Pair, path: Path, rig: StereoRig | None, gray: bool) -> StereoSource:
     """Open an odometry sequence: `calib.txt`, `times.txt` (without it, the nominal 10 Hz from frame to frame).
 
+    `poses.txt`, where it is, says where camera 0 was, so that only grey pairs have poses.
+
     Raises
     ------
     SourceError
-        If an image lacks its partner, the time stamps do not fit, or `calib.txt` is missing.
+        If an image lacks its partner, the time stamps or poses do not fit, or `calib.txt` is missing.
     RigError, ValueRefusedError
         If the calibration cannot be trusted.
     """
@@ -171,6 +181,7 @@ def open_odometry(pair: Pair, path: Path, rig: StereoRig | None, gray: bool) -> 
         frames=frames,
         is_sequence=True,
         gray=gray,
+        poses=read_poses(path / "poses.txt", frames) if pair == GRAY else None,
     )
 
 

@@ -9,6 +9,7 @@ from roadblock.errors import SourceError
 from roadblock.io.sources.image import read_image
 from roadblock.io.sources.pairing import FramePaths
 from roadblock.values.camera import StereoRig
+from roadblock.values.checks import FloatArray
 from roadblock.values.frame import Image, StereoPair
 
 
@@ -61,6 +62,8 @@ class ImagePairs:
         The files of each pair, in order.
     gray
         Whether colour is turned into grey.
+    poses
+        (4, 4) `T_odom_left` of each pair, or None where the recording says nothing about them.
     name, rig, rigs, ground_truth, is_sequence, warnings
         As in `StereoSource`.
     """
@@ -73,6 +76,7 @@ class ImagePairs:
     ground_truth: Path | None = None
     gray: bool = False
     warnings: list[str] = field(default_factory=list)
+    poses: tuple[FloatArray, ...] | None = None
 
     @property
     def length(self) -> int:
@@ -97,7 +101,8 @@ class ImagePairs:
                     f"{frame.left} is {_kind(left)}, but its partner {frame.right} is {_kind(right)}: "
                     "both cameras must record alike"
                 )
-            yield StereoPair(left, right, index, frame.name, frame.t_ns)
+            T_odom_left = None if self.poses is None else self.poses[index]
+            yield StereoPair(left, right, index, frame.name, frame.t_ns, T_odom_left)
 
 
 def _kind(image: Image) -> str:

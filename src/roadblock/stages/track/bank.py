@@ -1,23 +1,81 @@
-"""What a tracker remembers: one row an obstacle, in arrays."""
+"""What a tracker remembers, and what it sees: one row an obstacle, in arrays."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from roadblock.kernels.compiled.track import roughen
 from roadblock.values.checks import FloatArray
 from roadblock.values.scene import Obstacle
 
+LEAST_M = np.array([0.05, 0.05, 0.0])
+"""Widths, heights and lengths are at least this, unknown ones too."""
 
-@dataclass(frozen=True, eq=False)
+
+class Seen(NamedTuple):
+    """What is measured of obstacles, as rows of arrays of one length m.
+
+    Attributes
+    ----------
+    obstacles
+        (m,) themselves.
+    uvd, noise_px2
+        (m, 3) u, v, d; (m, 3, 3) their covariance.
+    boxes
+        (m, 4) u0, v0, u1, v1.
+    looks
+        (m, 2) logarithm of width and height.
+    foot
+        (m, 3) the foot points.
+    range_m, long_m
+        (m,) how far and how long; 0 where the length is unknown.
+    """
+
+    obstacles: NDArray[Any]
+    uvd: FloatArray
+    noise_px2: FloatArray
+    boxes: FloatArray
+    looks: FloatArray
+    foot: FloatArray
+    range_m: FloatArray
+    long_m: FloatArray
+
+    def chosen(self, which: NDArray[Any]) -> "Seen":
+        """Return some rows."""
+        return Seen(*(part[which] for part in self))
+
+
+def see(obstacles: Sequence[Obstacle], log_noise: FloatArray, twin: FloatArray) -> Seen:
+    """Return the numbers of obstacles; for the rest see `kernels.reference.track.roughen`."""
+    m = len(obstacles)
+    objects = np.empty(m, object)
+    objects[:] = obstacles
+    uvd = _rows([o.uvd_px for o in obstacles], 3)
+    cov_px2 = _rows([o.cov_uvd_px2 for o in obstacles], 9).reshape(m, 3, 3)
+    boxes = np.array([o.box_px for o in obstacles], float).reshape(m, 4)
+    size_m = np.fmax(_rows([o.size_m for o in obstacles], 3), LEAST_M)
+    foot = _rows([o.position_m for o in obstacles], 3)
+    range_m = np.array([o.range_m for o in obstacles], float)
+    noise_px2 = roughen(cov_px2, uvd, boxes, log_noise, twin)
+    return Seen(objects, uvd, noise_px2, boxes, np.log(size_m[:, :2]), foot, range_m, size_m[:, 2])
+
+
+def _rows(arrays: list[FloatArray], width: int) -> FloatArray:
+    """Return arrays of `width` numbers as rows: faster than `np.array` of them."""
+    return np.concatenate(arrays, axis=None, dtype=float).reshape(-1, width) if arrays else np.zeros((0, width))
+
+
+@dataclass(eq=False)
 class Bank:
     """Tracks, as rows of arrays of one length n.
 
     Attributes
     ----------
     x, P
-        (n, 5) states and (n, 5, 5) covariances; see `kalman`.
+        (n, 5) states and (n, 5, 5) covariances; see `kernels.reference.track`.
     id
         (n,) numbers; 0 for what was seen too rarely to have one.
     born_ns, seen_ns
@@ -26,12 +84,16 @@ class Bank:
         (n,) in how many frames they were measured, and in how many they were not since.
     doubt_s
         (n,) how long free road has been seen where they should be.
+    against
+        (n,) how many times in a row the features on them contradicted their velocities.
     looks
         (n, 2) logarithm of width and height, smoothed.
     foot_m
         (n, 3) from what is measured to the foot point.
     last
         (n,) the `Obstacle` of the latest measurement.
+    uvd, boxes, range_m, long_m
+        (n, 3), (n, 4), (n,) and (n,) of the latest measurement, as in `Seen`.
     """
 
     x: FloatArray
@@ -42,30 +104,57 @@ class Bank:
     found: NDArray[np.int64]
     missed: NDArray[np.int64]
     doubt_s: FloatArray
+    against: NDArray[np.int64]
     looks: FloatArray
     foot_m: FloatArray
     last: NDArray[Any]
+    uvd: FloatArray
+    boxes: FloatArray
+    range_m: FloatArray
+    long_m: FloatArray
 
     @classmethod
-    def born(cls, x: FloatArray, P: FloatArray, t_ns: int, obstacles: list[Obstacle], looks: FloatArray) -> Self:
+    def born(cls, x: FloatArray, P: FloatArray, t_ns: int, seen: Seen) -> Self:
         """Return tracks of things just seen for the first time."""
         n = len(x)
         zero, now = np.zeros(n, np.int64), np.full(n, t_ns, np.int64)
-        last = np.empty(n, object)
-        last[:] = obstacles
-        foot_m = np.array([o.position_m for o in obstacles]).reshape(n, 3) - x[:, :3]
-        return cls(x, P, zero, now, now.copy(), zero + 1, zero.copy(), np.zeros(n), looks, foot_m, last)
+        counts = (zero, now, now.copy(), zero + 1, zero.copy(), np.zeros(n), zero + 1)
+        return cls(
+            x,
+            P,
+            *counts,
+            seen.looks,
+            seen.foot - x[:, :3],
+            seen.obstacles,
+            seen.uvd,
+            seen.boxes,
+            seen.range_m,
+            seen.long_m,
+        )
 
     def __len__(self) -> int:
         """Return how many there are."""
         return len(self.x)
 
+    def note(self, rows: NDArray[np.intp], columns: NDArray[np.intp], seen: Seen, t_ns: int) -> None:
+        """Remember that some tracks were measured, and as what."""
+        self.found[rows] += 1
+        self.missed[rows], self.doubt_s[rows], self.seen_ns[rows] = 0, 0.0, t_ns
+        seen = seen.chosen(columns)
+        self.last[rows], self.uvd[rows], self.boxes[rows] = seen.obstacles, seen.uvd, seen.boxes
+        self.range_m[rows], self.long_m[rows], self.foot_m[rows] = (
+            seen.range_m,
+            seen.long_m,
+            seen.foot - self.x[rows, :3],
+        )
+
     def chosen(self, which: NDArray[Any]) -> Self:
         """Return some rows."""
-        return replace(self, **{f.name: getattr(self, f.name)[which] for f in fields(self)})
+        return replace(self, **{name: getattr(self, name)[which] for name in PARTS})
 
     def joined(self, other: Self) -> Self:
         """Return these rows and those of another."""
-        return replace(
-            self, **{f.name: np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)}
-        )
+        return replace(self, **{name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in PARTS})
+
+
+PARTS = tuple(f.name for f in fields(Bank))

@@ -7,12 +7,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.geometry.pose import inverse, pose, rotation_from_rotvec, rotvec_from_rotation, skew, vehicle_from_car
-from roadblock.stages.track.associate import LOOKS, assign, covered, distances
-from roadblock.stages.track.bank import Bank
-from roadblock.stages.track.describe import WELL_KNOWN, describe, deviation, moved_obstacle
-from roadblock.stages.track.flow import velocities
-from roadblock.stages.track.kalman import Optics, begin, correct, correct_velocity, predict
+from roadblock.geometry.pose import pose, rotation_from_rotvec, vehicle_from_car
+from roadblock.kernels.compiled.track import (
+    carry,
+    clearance,
+    compare,
+    correct,
+    correct_velocity,
+    feel,
+    learn,
+    predict,
+)
+from roadblock.kernels.reference.track import FAR, SIZE, TINY
+from roadblock.stages.track.associate import assign, covered
+from roadblock.stages.track.bank import Bank, Seen, see
+from roadblock.stages.track.describe import WELL_KNOWN, describe, moved_obstacle
+from roadblock.stages.track.optics import Optics
 from roadblock.stages.track.settings import TrackSettings
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
@@ -21,29 +31,23 @@ from roadblock.values.scene import FreeSpace, Obstacle
 
 Indices = NDArray[np.intp]
 
-SPEED_MPS = 8.0
-"""Standard deviation of the velocity of something just born."""
+SPEED_MPS, SIDE_MPS = 8.0, 4.0
+"""Standard deviation of the velocity of something just born, along the road and across."""
 CONFIRMED, GIVEN_UP = 2, 2
 """Measured so often, an obstacle has a track; missed so often before, it never was there: two of three."""
-SIDE_SHARE, ROW_SHARE = 0.05, 0.15
-"""Share of a box's width, and of its height, by which its measured point wanders as its outline changes."""
-DEPTH_M = 0.1
-"""By which the nearest face wanders."""
-TIMIDITY, MEDIAN_OF_1 = 0.5, 0.455
-"""How fast the noise is learnt, and the median of a squared normal number."""
-NOISE_LIMITS = (-1.4, 2.2)
-"""Log of the factors (0.25 to 9) within which the variance of the noise is learnt."""
 TRUSTED_S = 0.4
 """Tracks of this age tell how noisy measurements are."""
 SAME_SHARE = 0.5
 """Boxes of which so much is shared are pieces of each other."""
 LOOKS_SHARE, PIECE_SHARE = 0.3, 0.05
 """How fast a track learns what it looks like, from all of it and from pieces."""
-SLIP_M = 1.5
-"""They may be so far apart: the near end of a wall goes with the vehicle that looks at it."""
+SLIP_M, SLIP_S = 1.5, 1.0
+"""They may be so far apart: the near end of a wall goes with the vehicle that looks at it. Or they have gone there
+within this time: the velocity is so much less sure."""
+RETURN_S, RETURN_M = 0.25, 1.0
+"""What was unseen for so long comes out from behind something: in part, joined to it, its distance may be off."""
 ALIKE_M, ALIKE_SHARE = 2.0, 0.15
 """What covers a track may be so far before or behind it to be taken for the whole of which it is a part."""
-SMALLEST_M = 0.05
 LEAST_HALF_PX = 4.0
 CLEAR_M = 1.0
 """Free road must be seen this far behind an obstacle to contradict it."""
@@ -53,18 +57,6 @@ EGO_MPS2, EGO_RADPS2 = 3.0, 0.3
 """By about how much it changes meanwhile."""
 RELATIVE_NOISE, STILL_NOISE = 4.0, 0.2
 """Velocities relative to the vehicle change so much faster, and those of what does not move for sure so much slower."""
-MOVING = 9.2
-"""99 % of a squared distance from standing still."""
-
-
-class _Seen(NamedTuple):
-    """The obstacles of a frame, in arrays of m rows: u, v, d; their covariance as learnt; boxes; log of the size."""
-
-    obstacles: Sequence[Obstacle]
-    uvd: FloatArray
-    noise_px2: FloatArray
-    boxes: FloatArray
-    looks: FloatArray
 
 
 class _Expected(NamedTuple):
@@ -96,15 +88,16 @@ class Tracker:
     ) -> None:
         self.settings = settings or TrackSettings()
         self.optics = Optics(rectification, vehicle_from_car(T_vehicle_car))
-        self._fb = rectification.f_px * rectification.baseline_m
         self._ids = 0
         self._log_noise = np.zeros(3)
         self._restart(0)
-        assign(np.zeros((1, 1)), np.zeros((1, 1)), 0.0)  # so that no frame waits for a library
+        assign(np.zeros((1, 1)))  # so that no frame waits for a library
 
     def _restart(self, t_ns: int) -> None:
         self._begun, self._t_ns = False, t_ns
-        self._bank = Bank.born(np.zeros((0, 5)), np.zeros((0, 5, 5)), 0, [], np.zeros((0, 2)))
+        self._bank = Bank.born(
+            np.zeros((0, SIZE)), np.zeros((0, SIZE, SIZE)), 0, see([], np.zeros(3), self.optics.twin)
+        )
         self._twist, self._twist_cov, self._twist_t_ns = np.zeros(6), np.zeros((6, 6)), 0
         self._over_ground = False
 
@@ -132,15 +125,15 @@ class Tracker:
         if abs(t_ns - self._t_ns) > 1e9 * self.settings.longest_gap_s:
             self._restart(t_ns)
         dt_s = (t_ns - self._t_ns) / 1e9
-        seen = self._seen(obstacles)
+        seen = see(obstacles, self._log_noise, self.optics.twin)
         if self._begun and dt_s <= 0:
             return self._recognized(seen, dt_s)
         if self._begun:
             self._predict(dt_s, t_ns, ego)
         self._begun, self._t_ns = True, t_ns
         expected = self._expected(self._bank)
-        rows, columns, noise_px2 = self._matched(seen, expected)
-        self._correct(rows, columns, noise_px2, seen, expected)
+        rows, columns, grown_px2 = self._matched(seen, expected)
+        self._correct(rows, columns, grown_px2, seen, expected)
         if ego is not None and ego.flow is not None and self._over_ground:
             self._feel(rows, ego.flow, dt_s)
         merged = self._merged(rows, seen, expected)
@@ -148,29 +141,13 @@ class Tracker:
         self._bear(columns, seen)  # behind those that are left
         return self._reported(seen, np.concatenate([shown, np.ones(len(self._bank) - len(shown), bool)]))
 
-    def _seen(self, obstacles: Sequence[Obstacle]) -> _Seen:
-        m = len(obstacles)
-        uvd = np.array([o.uvd_px for o in obstacles]).reshape(m, 3)
-        boxes = np.array([o.box_px for o in obstacles], float).reshape(m, 4)
-        noise_px2 = np.array([o.cov_uvd_px2 for o in obstacles]).reshape(m, 3, 3)
-        noise_px2[:, 0, 0] += (SIDE_SHARE * (boxes[:, 2] - boxes[:, 0])) ** 2
-        noise_px2[:, 1, 1] += (ROW_SHARE * (boxes[:, 3] - boxes[:, 1])) ** 2
-        noise_px2[:, 2, 2] += (DEPTH_M * uvd[:, 2] ** 2 / self._fb) ** 2
-        factor = np.exp(self._log_noise / 2)
-        size_m = np.array([o.size_m for o in obstacles]).reshape(m, 3)[:, :2]
-        return _Seen(
-            obstacles, uvd, noise_px2 * factor * factor[:, None], boxes, np.log(np.maximum(size_m, SMALLEST_M))
-        )
-
     def _expected(self, bank: Bank) -> _Expected:
-        uvd, J = self.optics.see(bank.x[:, :3])
-        return _Expected(uvd, J, _projected(J, bank.P))
+        return _Expected(*self.optics.see(bank.x, bank.P))
 
     def _predict(self, dt_s: float, t_ns: int, ego: EgoMotion | None) -> None:
         """Bring all tracks to the next frame."""
         if ego is not None and ego.T_now_before is not None and (ego.before_t_ns, ego.t_ns) == (self._t_ns, t_ns):
-            T, cov = _in_vehicle(ego.T_now_before, ego.cov, self.optics.T_vehicle_car)
-            self._twist = np.concatenate([rotvec_from_rotation(T[:3, :3]), T[:3, 3]]) / dt_s
+            T, cov, self._twist = carry(ego.T_now_before, ego.cov, self.optics.T_vehicle_car, dt_s)
             self._twist_cov, self._twist_t_ns = cov / dt_s**2, t_ns
             self._ground(True)
         else:
@@ -178,16 +155,15 @@ class Tracker:
             if unknown_s > EGO_KNOWN_S:
                 self._ground(False)
             T, cov = self._going_on(dt_s, unknown_s)
-        x, P = predict(self._bank.x, self._bank.P, dt_s, T, cov, self._noise())
-        self._bank = replace(self._bank, x=x, P=P)
+        self._bank.x, self._bank.P = self._moved_on(dt_s, T, cov)
 
-    def _noise(self) -> FloatArray:
-        """Return (n,) how fast velocities change: what does not move for sure mostly stands."""
-        b, noise_m2ps3 = self._bank, self.settings.noise_m2ps3
+    def _moved_on(self, dt_s: float, T: FloatArray, cov: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return all states and covariances after `dt_s`; what does not move for sure mostly stands."""
+        noise_m2ps3 = self.settings.noise_m2ps3
+        still_m2ps3 = STILL_NOISE * noise_m2ps3
         if not self._over_ground:
-            return np.full(len(b), RELATIVE_NOISE * noise_m2ps3)
-        moves = deviation(b.x[:, 3:], b.P[:, 3:, 3:]) > MOVING
-        return np.where(moves, noise_m2ps3, STILL_NOISE * noise_m2ps3)
+            noise_m2ps3 = still_m2ps3 = RELATIVE_NOISE * noise_m2ps3
+        return predict(self._bank.x, self._bank.P, dt_s, T, cov, noise_m2ps3, still_m2ps3)
 
     def _ground(self, over_ground: bool) -> None:
         """Let velocities be over ground, or relative to the vehicle."""
@@ -195,10 +171,9 @@ class Tracker:
             return
         self._over_ground = over_ground
         still = self._standing_mps(self._bank.x[:, :3])[:, :2]
-        x = self._bank.x.copy()
+        x = self._bank.x
         x[:, 3:] += -still if over_ground else still
         x[self._bank.found == 1, 3:] = 0.0  # nothing but a guess, which stays
-        self._bank = replace(self._bank, x=x)
 
     def _standing_mps(self, places: FloatArray) -> FloatArray:
         """Return (n, 3) how places (n, 3) that stand still move as seen from the vehicle."""
@@ -212,102 +187,104 @@ class Tracker:
         sigma = np.array([EGO_RADPS2] * 3 + [EGO_MPS2] * 3) * unknown_s * dt_s
         return T, self._twist_cov * dt_s**2 + np.diag(sigma**2)
 
-    def _matched(self, seen: _Seen, expected: _Expected) -> tuple[Indices, Indices, FloatArray]:
-        """Return which track (rows) is which obstacle (columns), and the noise (k, 3, 3) of these measurements.
+    def _matched(self, seen: Seen, expected: _Expected) -> tuple[Indices, Indices, FloatArray]:
+        """Return which track (rows) is which obstacle (columns), and how much more (k, 3) u, v and d may be off.
 
         Tracks choose first, by distance; then, by shared pixels, those that were torn apart, grew together or slipped;
         what is left is for those seen but once.
         """
-        free, left = self._bank.id > 0, np.ones(len(seen.uvd), bool)
-        new = np.flatnonzero(~free)
-        near = self._near(np.flatnonzero(free), np.flatnonzero(left), seen, expected)
-        free[near[0]], left[near[1]] = False, False
-        self._learn(*near, seen, expected)
-        *pieces, grown_px2 = self._pieces(np.flatnonzero(free), np.flatnonzero(left), seen, expected)
-        left[pieces[1]] = False
-        for share, (i, j) in ((LOOKS_SHARE, near), (PIECE_SHARE, pieces)):
-            self._bank.looks[i] += share * (seen.looks[j] - self._bank.looks[i])
-        late = self._near(new, np.flatnonzero(left), seen, expected)
-        rows, columns = (np.concatenate(part) for part in zip(near, pieces, late, strict=True))
-        noise_px2 = seen.noise_px2[columns]
-        noise_px2[len(near[0]) : len(near[0]) + len(grown_px2), [0, 1], [0, 1]] += grown_px2
-        return rows, columns, noise_px2
+        looks, is_known, is_left = self._bank.looks, self._bank.id > 0, np.ones(len(seen.uvd), bool)
+        known, new = np.flatnonzero(is_known), np.flatnonzero(~is_known)
+        rows, columns = self._near(known, np.flatnonzero(is_left), seen, expected)
+        grown_px2 = np.zeros((len(rows), 3))
+        returned = self._t_ns - self._bank.seen_ns[rows] > 1e9 * RETURN_S
+        grown_px2[returned, 2] = (RETURN_M * seen.uvd[columns[returned], 2] ** 2 / self.optics.fb) ** 2
+        self._learn(rows, columns, seen, expected)
+        looks[rows] += LOOKS_SHARE * (seen.looks[columns] - looks[rows])
+        is_known[rows], is_left[columns] = False, False
+        if is_left.any():
+            parts, wholes, more_px2 = self._pieces(np.flatnonzero(is_known), np.flatnonzero(is_left), seen, expected)
+            looks[parts] += PIECE_SHARE * (seen.looks[wholes] - looks[parts])
+            is_left[wholes] = False
+            late = self._near(new, np.flatnonzero(is_left), seen, expected)
+            rows, columns = np.concatenate([rows, parts, late[0]]), np.concatenate([columns, wholes, late[1]])
+            grown_px2 = np.concatenate([grown_px2, more_px2, np.zeros((len(late[0]), 3))])
+        return rows, columns, grown_px2
 
-    def _near(self, rows: Indices, columns: Indices, seen: _Seen, expected: _Expected) -> tuple[Indices, Indices]:
+    def _near(self, rows: Indices, columns: Indices, seen: Seen, expected: _Expected) -> tuple[Indices, Indices]:
         """Return which of some tracks is which of some obstacles, by distance."""
         if not len(rows) or not len(columns):
             return rows[:0], columns[:0]
-        squared, volume = distances(
-            expected.uvd[rows], expected.S[rows], seen.uvd[columns], seen.noise_px2[columns], self.settings.gate
+        i, j = assign(
+            compare(
+                rows,
+                columns,
+                expected.uvd,
+                expected.S,
+                self._bank.looks,
+                seen.uvd,
+                seen.noise_px2,
+                seen.looks,
+                self.settings.gate,
+            )
         )
-        unlike = ((self._bank.looks[rows, None] - seen.looks[columns]) ** 2).sum(2)
-        i, j = assign(squared + LOOKS * unlike, volume, self.settings.gate)
         return rows[i], columns[j]
 
     def _pieces(
-        self, rows: Indices, columns: Indices, seen: _Seen, expected: _Expected
+        self, rows: Indices, columns: Indices, seen: Seen, expected: _Expected
     ) -> tuple[Indices, Indices, FloatArray]:
         """Return which of some tracks is part of which of some obstacles, or the other way round.
 
         Their distance says much about them, but where in the picture their middle is says little: the last is how much
-        larger the variances (k, 2) of u and v are.
+        larger the variances (k, 3) of u, v and d are.
         """
         if not len(rows) or not len(columns):
-            return rows[:0], columns[:0], np.zeros((0, 2))
+            return rows[:0], columns[:0], np.zeros((0, 3))
         boxes, others = self._boxes(rows, expected), seen.boxes[columns]
-        shared = np.maximum(covered(boxes, others), covered(others, boxes).T)
+        mine, theirs = covered(boxes, others), covered(others, boxes).T
+        # Of two that are inside, who is most of it gets it: intersection over union.
+        alike = mine * theirs / np.maximum(mine + theirs - mine * theirs, TINY)
         off_px = seen.uvd[columns, 2] - expected.uvd[rows, None, 2]
-        off_m = self._fb / seen.uvd[columns, 2] - self._fb / expected.uvd[rows, None, 2]
+        off_m = self.optics.fb / seen.uvd[columns, 2] - self.optics.fb / expected.uvd[rows, None, 2]
         sigma_px2 = expected.S[rows, None, 2, 2] + seen.noise_px2[columns, 2, 2]
         close = (off_px**2 <= self.settings.gate * sigma_px2) | (np.abs(off_m) <= SLIP_M)
-        i, j = assign(np.where(close, 1 - shared, np.inf), np.zeros_like(shared), 1 - SAME_SHARE)
+        i, j = assign(
+            np.where(
+                close & (np.maximum(mine, theirs) >= SAME_SHARE), 1 - np.maximum(mine, theirs) + (1 - alike) / 2, FAR
+            )
+        )
         self._slip(rows[i], off_m[i, j])
-        expected.S[rows[i]] = _projected(expected.J[rows[i]], self._bank.P[rows[i]])
-        return rows[i], columns[j], ((others[j, 2:] - others[j, :2]) / 2) ** 2
+        grown_px2 = np.zeros((len(i), 3))
+        grown_px2[:, :2] = ((others[j, 2:] - others[j, :2]) / 2) ** 2
+        return rows[i], columns[j], grown_px2
 
     def _slip(self, rows: Indices, off_m: FloatArray) -> None:
-        """Let the places of tracks be off by so much, which says nothing about their velocities."""
+        """Let the places of tracks be off by so much, which says nothing about their velocities but doubt."""
         P = self._bank.P
         P[rows, :3, 3:] = 0.0
         P[rows, 3:, :3] = 0.0
-        P[rows, :3, :3] += np.eye(3) * (off_m**2)[:, None, None]
+        P[rows] += np.diag([1.0] * 3 + [1 / SLIP_S**2] * 2) * (off_m**2)[:, None, None]
 
     def _boxes(self, rows: Indices, expected: _Expected) -> FloatArray:
         """Return (k, 4) where the boxes of some tracks should be now; NaN behind the cameras."""
-        last, uvd = self._bank.last[rows], expected.uvd[rows]
-        before = np.array([o.uvd_px for o in last]).reshape(-1, 3)
-        box = np.array([o.box_px for o in last], float).reshape(-1, 2, 2)
+        uvd, before = expected.uvd[rows], self._bank.uvd[rows]
+        box = self._bank.boxes[rows].reshape(-1, 2, 2)
         scale = (uvd[:, 2] / before[:, 2])[:, None, None]
         return np.asarray((box - before[:, None, :2]) * scale + uvd[:, None, :2]).reshape(-1, 4)
 
-    def _learn(self, rows: Indices, columns: Indices, seen: _Seen, expected: _Expected) -> None:
-        """Learn how noisy u, v and d are from how often they surprise: half of all must be off by less than expected.
-
-        The detector's own sigmas may be wrong by a factor, and are wrong for all obstacles alike.
-        """
+    def _learn(self, rows: Indices, columns: Indices, seen: Seen, expected: _Expected) -> None:
+        """Learn how noisy measurements are, from tracks that are known for a while."""
         old = self._t_ns - self._bank.born_ns[rows] >= 1e9 * TRUSTED_S
-        rows, columns = rows[old], columns[old]
-        if len(rows):
-            S = (expected.S[rows] + seen.noise_px2[columns])[:, [0, 1, 2], [0, 1, 2]]
-            surprises = (seen.uvd[columns] - expected.uvd[rows]) ** 2 > MEDIAN_OF_1 * S
-            step = TIMIDITY * (surprises - 0.5).sum(0) / (len(rows) + 2)
-            self._log_noise = np.clip(self._log_noise + step, *NOISE_LIMITS)
+        self._log_noise = learn(
+            rows[old], columns[old], self._log_noise, expected.uvd, expected.S, seen.uvd, seen.noise_px2
+        )
 
-    def _correct(
-        self, rows: Indices, columns: Indices, noise_px2: FloatArray, seen: _Seen, expected: _Expected
-    ) -> None:
+    def _correct(self, rows: Indices, columns: Indices, grown_px2: FloatArray, seen: Seen, expected: _Expected) -> None:
         """Let tracks know what was measured of them."""
-        if not len(rows):
-            return
         b = self._bank
-        off = seen.uvd[columns] - expected.uvd[rows]
-        b.x[rows], b.P[rows] = correct(b.x[rows], b.P[rows], off, expected.J[rows], noise_px2)
-        b.found[rows] += 1
-        b.missed[rows], b.doubt_s[rows], b.seen_ns[rows] = 0, 0.0, self._t_ns
-        for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
-            b.last[row] = seen.obstacles[column]
-        b.foot_m[rows] = np.array([o.position_m for o in b.last[rows]]) - b.x[rows, :3]
-        for row in np.flatnonzero((b.id == 0) & (b.found >= CONFIRMED)):
+        correct(rows, columns, b.x, b.P, expected.uvd, expected.J, seen.uvd, seen.noise_px2, grown_px2)
+        b.note(rows, columns, seen, self._t_ns)
+        for row in np.flatnonzero((b.id == 0) & (b.found >= CONFIRMED)).tolist():
             self._ids += 1
             b.id[row] = self._ids
 
@@ -315,22 +292,29 @@ class Tracker:
         """Let tracks measured now know the velocity of the features on them."""
         if not len(rows) or not len(flow.uvd_px):
             return
-        b = self._bank
-        boxes = np.array([o.box_px for o in b.last[rows]], float)
-        range_m = np.array([o.range_m for o in b.last[rows]])
-        v_mps, cov, known = velocities(flow, dt_s, boxes, range_m, self.optics)
-        rows = rows[known]
-        ego_cov = self._twist_cov[3:5, 3:5]
-        b.x[rows], b.P[rows] = correct_velocity(b.x[rows], b.P[rows], v_mps[known], cov[known] + ego_cov)
+        b, o = self._bank, self.optics
+        v_mps, cov, known = feel(
+            rows,
+            flow.uvd_px,
+            flow.off_px,
+            flow.information_px2,
+            dt_s,
+            b.boxes,
+            b.range_m,
+            b.long_m,
+            o.twin,
+            o.T_car_vehicle,
+        )
+        correct_velocity(rows, b.x, b.P, b.against, v_mps, cov + self._twist_cov[3:5, 3:5], known)
 
-    def _merged(self, rows: Indices, seen: _Seen, expected: _Expected) -> NDArray[np.bool_]:
+    def _merged(self, rows: Indices, seen: Seen, expected: _Expected) -> NDArray[np.bool_]:
         """Return (n,) which tracks are not measured because they are part of something that is, at their distance."""
         merged, missing = np.zeros(len(self._bank), bool), self._bank.id > 0
         missing[rows] = False
         lost = np.flatnonzero(missing)
         if len(lost) and len(seen.uvd):
-            there_m = self._fb / expected.uvd[lost, 2]
-            off_m = np.abs(self._fb / seen.uvd[:, 2] - there_m[:, None])
+            there_m = self.optics.fb / expected.uvd[lost, 2]
+            off_m = np.abs(self.optics.fb / seen.uvd[:, 2] - there_m[:, None])
             alike = off_m <= np.maximum(ALIKE_M, ALIKE_SHARE * there_m)[:, None]
             merged[lost] = ((covered(self._boxes(lost, expected), seen.boxes) >= SAME_SHARE) & alike).any(1)
         return merged
@@ -345,47 +329,47 @@ class Tracker:
         if not missing.any():
             return ~merged
         b.missed[missing] += 1
-        uvd, _ = self.optics.see(b.x[:, :3])
+        uvd, _, _ = self.optics.see(b.x, b.P)
         inside = ((uvd[:, :2] >= 0) & (uvd[:, :2] < self.optics.rectification.size_px)).all(1)  # not so for NaN
         limit_s = np.where(merged, s.hidden_s, s.forget_s)
-        for row in np.flatnonzero(missing & inside & ~merged & (b.id > 0)).tolist():
-            off_m, sigma_m = self._free_behind(row, uvd[row], free_space)
-            if off_m > CLEAR_M + 3 * sigma_m:
-                b.doubt_s[row] += dt_s
-            elif off_m < -CLEAR_M:
-                limit_s[row] = s.hidden_s
+        looked = np.flatnonzero(missing & inside & ~merged & (b.id > 0))
+        if free_space is not None and len(looked):
+            off_m, sigma_m = self._free_behind(looked, uvd[looked], free_space)
+            b.doubt_s[looked[off_m > CLEAR_M + 3 * sigma_m]] += dt_s
+            limit_s[looked[off_m < -CLEAR_M]] = s.hidden_s
         unseen_s = (self._t_ns - b.seen_ns) / 1e9
         gone = missing & (~inside | (unseen_s > limit_s) | (b.doubt_s > s.contradicted_s))
         gone |= (b.id == 0) & (b.missed >= GIVEN_UP)
+        if not gone.any():
+            return ~merged
         self._bank = b.chosen(~gone)
         return ~merged[~gone]
 
-    def _free_behind(self, row: int, uvd: FloatArray, free_space: FreeSpace | None) -> tuple[float, float]:
-        """Return how far behind a track the road is seen to be free (< 0: it ends before), and the track's sigma, m.
+    def _free_behind(self, rows: Indices, uvd: FloatArray, free_space: FreeSpace) -> tuple[FloatArray, FloatArray]:
+        """Return how far behind some tracks the road is seen to be free (< 0: it ends before), and their sigmas, m.
 
         NaN where nothing was seen.
         """
-        n = self.optics.T_car_vehicle[2, :3]
-        sigma_m = float(np.sqrt(n @ self._bank.P[row, :3, :3] @ n))
-        if free_space is None:
-            return float("nan"), sigma_m
-        half_px = np.exp(self._bank.looks[row, 0]) * uvd[2] / self.optics.rectification.baseline_m / 4
-        ranges = free_space.range_m[np.abs(free_space.u_px - uvd[0]) <= max(half_px, LEAST_HALF_PX)]
-        ranges = ranges[np.isfinite(ranges)]
-        return float(np.median(ranges) - self._fb / uvd[2]) if len(ranges) else float("nan"), sigma_m
+        n = self.optics.ahead[:3]
+        half_px = np.exp(self._bank.looks[rows, 0]) * uvd[:, 2] / self.optics.rectification.baseline_m / 4
+        free_m = clearance(
+            np.ascontiguousarray(uvd[:, 0]), np.maximum(half_px, LEAST_HALF_PX), free_space.u_px, free_space.range_m
+        )
+        return free_m - self.optics.fb / uvd[:, 2], np.sqrt(n @ self._bank.P[rows, :3, :3] @ n)
 
-    def _bear(self, columns: Indices, seen: _Seen) -> None:
+    def _bear(self, columns: Indices, seen: Seen) -> None:
         """Begin a track of everything that belongs to none."""
         left = np.ones(len(seen.uvd), bool)
         left[columns] = False
         new = np.flatnonzero(left)
         if len(new):
             place, cov_m2 = self.optics.place(seen.uvd[new], seen.noise_px2[new])
-            x, P = begin(place, cov_m2, SPEED_MPS)
-            born = Bank.born(x, P, self._t_ns, [seen.obstacles[j] for j in new.tolist()], seen.looks[new])
-            self._bank = self._bank.joined(born)
+            x, P = np.zeros((len(new), SIZE)), np.zeros((len(new), SIZE, SIZE))
+            x[:, :3], P[:, :3, :3] = place, cov_m2
+            P[:, 3, 3], P[:, 4, 4] = SPEED_MPS**2, SIDE_MPS**2
+            self._bank = self._bank.joined(Bank.born(x, P, self._t_ns, seen.chosen(new)))
 
-    def _reported(self, seen: _Seen, shown: NDArray[np.bool_]) -> tuple[Obstacle, ...]:
+    def _reported(self, seen: Seen, shown: NDArray[np.bool_]) -> tuple[Obstacle, ...]:
         """Return all obstacles of this frame with their tracks, and those that coast if they may be shown."""
         b = self._bank
         coasted_s = (self._t_ns - b.seen_ns) / 1e9
@@ -395,36 +379,22 @@ class Tracker:
         own = {id(b.last[row]): track for row, track in zip(rows.tolist(), tracks, strict=True)}
         measured = [o.with_track(own[id(o)]) if id(o) in own else o for o in seen.obstacles]
         coasting = [
-            moved_obstacle(b, row, self.optics).with_track(track)
+            moved_obstacle(b, row, self.optics, track)
             for row, track in zip(rows.tolist(), tracks, strict=True)
             if track.coasted_s > 0
         ]
         return (*measured, *coasting)
 
-    def _recognized(self, seen: _Seen, dt_s: float) -> tuple[Obstacle, ...]:
+    def _recognized(self, seen: Seen, dt_s: float) -> tuple[Obstacle, ...]:
         """Return obstacles of an earlier moment, or of the same again, with their tracks; remember nothing."""
         b = self._bank
         T, cov = self._going_on(dt_s, abs(dt_s))
-        x, P = predict(b.x, b.P, dt_s, T, cov, self._noise())
+        x, P = self._moved_on(dt_s, T, cov)
         then = replace(b, x=x, P=P)
         rows, columns = self._near(np.flatnonzero(b.id), np.arange(len(seen.uvd)), seen, self._expected(then))
         own = dict(zip(columns.tolist(), self._described(then, rows), strict=True))
         return tuple(o.with_track(own[j]) if j in own else o for j, o in enumerate(seen.obstacles))
 
     def _described(self, bank: Bank, rows: Indices) -> list[Track]:
-        standing_mps = self._standing_mps(bank.x[rows, :3])
-        return describe(bank, rows, self._t_ns, self.optics, standing_mps, self._over_ground, self._twist_cov)
-
-
-def _projected(J: FloatArray, P: FloatArray) -> FloatArray:
-    """Return (n, 3, 3) the covariance of u, v, d that is the tracks' own."""
-    return np.asarray(J @ P[:, :3, :3] @ J.swapaxes(1, 2))
-
-
-def _in_vehicle(T: FloatArray, cov: FloatArray, A: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a motion of the car frame, and its covariance, as one of the vehicle frame; `A` is `T_vehicle_car`."""
-    R = A[:3, :3]
-    adjoint = np.zeros((6, 6))
-    adjoint[:3, :3] = adjoint[3:, 3:] = R
-    adjoint[3:, :3] = skew(A[:3, 3]) @ R
-    return A @ T @ inverse(A), adjoint @ cov @ adjoint.T
+        twist = self._twist if self._over_ground else None
+        return describe(bank, rows, self._t_ns, self.optics, twist, self._twist_cov)

@@ -119,6 +119,25 @@ def test_odometry(tmp_path: Path, images, put, text: str) -> None:
         open_source(tmp_path)
 
 
+def test_odometry_with_poses(tmp_path: Path, images, put) -> None:
+    """Camera 0 turns by a right angle about y and goes on by 1 m; seven digits are made a rotation."""
+    fill(tmp_path, images, put, "image_0", "image_1")
+    (tmp_path / "calib.txt").write_text(calib())
+    still, turned = "1 0 0 0 0 1 0 0 0 0 1 0", "1e-7 0 1 0.5 0 1 0 0 -1 0 1e-7 1"
+    (tmp_path / "poses.txt").write_text(f"{still}\n{turned}\n")
+    first, second = (pair.T_odom_left for pair in open_source(tmp_path))
+    np.testing.assert_allclose(first, np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(second[:3], [[0, 0, 1, 0.5], [0, 1, 0, 0], [-1, 0, 0, 1]], atol=2e-7)
+    (tmp_path / "poses.txt").write_text(f"{still}\n{still}\n{turned}\n")  # of frames 0 to 2
+    assert open_source(tmp_path).length == 2
+    (tmp_path / "poses.txt").write_text(f"{still}\n")
+    with pytest.raises(SourceError, match=r"holds 1 poses for 2 pairs"):
+        open_source(tmp_path)
+    (tmp_path / "poses.txt").write_text(f"{still}\n1 2 3\n")
+    with pytest.raises(SourceError, match=r"poses.txt line 2 must be 12 numbers, but is '1 2 3'"):
+        open_source(tmp_path)
+
+
 @pytest.fixture
 def raw(tmp_path: Path, images, put) -> Path:
     """A raw drive of frames 1 and 3, unrectified, with a calibration two folders above."""
@@ -142,6 +161,7 @@ def test_raw(raw: Path) -> None:
     assert source.rig.baseline_m == pytest.approx(0.537)
     # by the number in the name: lines 1 and 3, counted from 0
     assert [pair.t_ns for pair in source] == [1317045941864025856, 1317045943864025856]
+    assert [pair.T_odom_left for pair in source] == [None, None]
 
 
 def test_raw_rectified_is_told_by_the_size(raw: Path, images, put) -> None:
