@@ -8,6 +8,7 @@ from time import perf_counter
 from roadblock.config import Settings
 from roadblock.detectors import make_detector
 from roadblock.errors import SourceError
+from roadblock.stages.decide import Decider
 from roadblock.stages.egomotion import Odometer
 from roadblock.stages.fuse import FreeSpaceMemory
 from roadblock.stages.health import judge, looks_swapped
@@ -47,6 +48,7 @@ class Pipeline:
         self._measure_ego = Odometer(self.rectification, self.settings.egomotion)
         self._remember = FreeSpaceMemory(self.rectification, self.settings.fuse)
         self._tracker = Tracker(self.rectification, rig.T_vehicle_car, self.settings.track)
+        self._decider = Decider(self.rectification, rig.T_vehicle_car, self.settings.decide)
 
     def step(self, pair: StereoPair) -> tuple[FrameResult, RectifiedPair]:
         """Find every obstacle in one pair.
@@ -76,7 +78,7 @@ class Pipeline:
         health = judge(found, self.settings.health)
         if health.state != "ok" and looks_swapped(rectified):
             raise SourceError(f"frame {pair.name}: the left and right images look swapped: exchange them")
-        ego, free_space = None, found.free_space
+        ego, free_space, decision = None, found.free_space, None
         if self.settings.track.enabled and pair.t_ns != 0:  # single frames have no moment
             with _timed(timings_ms, "egomotion"):
                 ego = self._measure_ego(rectified)
@@ -84,6 +86,9 @@ class Pipeline:
                 free_space = self._remember(free_space, pair.t_ns, ego)
             with _timed(timings_ms, "track"):
                 obstacles = self._tracker.update(obstacles, pair.t_ns, ego, found.free_space)
+            if self.settings.decide.enabled:
+                with _timed(timings_ms, "decide"):
+                    decision = self._decider.decide(obstacles, free_space, ego, pair.t_ns)
         timings_ms["total"] = sum(timings_ms.values())
         result = FrameResult(
             pair.index,
@@ -96,6 +101,7 @@ class Pipeline:
             timings_ms,
             ego,
             found.stixels,
+            decision,
         )
         return result, rectified
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from roadblock.errors import ValueRefusedError
 from roadblock.values.checks import FloatArray, finite, locked, numbers, positive
+from roadblock.values.decision import Decision
 from roadblock.values.motion import EgoMotion, Track
 
 NEAREST_FACE_PERCENT = 10
@@ -398,6 +399,8 @@ class FrameResult:
         How the vehicle moved since the frame before; None for single frames.
     stixels
         As in `Detections`.
+    decision
+        What the car should do; None for single frames.
     """
 
     index: int
@@ -410,3 +413,4 @@ class FrameResult:
     timings_ms: dict[str, float]
     ego: EgoMotion | None = None
     stixels: Stixels | None = None
+    decision: Decision | None = None

@@ -1,0 +1,172 @@
+"""Drives that ask for something: what the car meets on a straight road at 30 km/h, by name; a seed draws the rest."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from roadblock.sim.road import Mark, Road
+from roadblock.sim.scene import Scene, roadside
+from roadblock.sim.scenes import AWAY, KMH, LEFTWARDS, RIGHTWARDS, STREET, TOWARDS, ZEBRA, Stand, furnished, paper
+from roadblock.sim.solids import Thing, moved
+from roadblock.sim.things import Order
+
+LANE_M = -0.6
+"""Middle of the own lane."""
+SPEED_MPS = 30 * KMH
+
+
+@dataclass(frozen=True, eq=False)
+class Challenge:
+    """A drive.
+
+    Attributes
+    ----------
+    scene
+        The world when it begins.
+    start_m
+        Where the cameras begin: along and to the left.
+    length_m
+        The drive ends after so much way.
+    brakes_s, brakes_mps2
+        When what moves begins to brake, and how hard; infinity = never.
+    goes_on
+        Whether what is ahead goes on by itself: to stand behind it is to drive on.
+    """
+
+    scene: Scene
+    start_m: tuple[float, float] = (0.0, LANE_M)
+    length_m: float = 60.0
+    brakes_s: float = float("inf")
+    brakes_mps2: float = 4.0
+    goes_on: bool = False
+
+    def things_at(self, t_s: float) -> tuple[Thing, ...]:
+        """Return all things after so many seconds."""
+        late = max(0.0, t_s - self.brakes_s)
+        things = []
+        for thing in self.scene.things:
+            v = float(np.linalg.norm(thing.velocity_mps))
+            if v == 0:
+                things.append(thing)
+                continue
+            braked = min(late, v / self.brakes_mps2)
+            gone_s = min(t_s, self.brakes_s) + braked - self.brakes_mps2 * braked**2 / (2 * v)
+            slower = max(0.0, 1 - self.brakes_mps2 * late / v)
+            there = moved(thing, gone_s)
+            things.append(replace(there, velocity_mps=there.velocity_mps * slower))
+        return tuple(things)
+
+
+def _street(seed: int, stands: tuple[Stand, ...], road: Road | None = None) -> Scene:
+    base = paper(seed)
+    road = road or Road()
+    scenery = roadside(np.random.default_rng([seed, 21]))
+    return replace(base, things=furnished(road, stands, seed) + scenery, road=road, speed_mps=0.0)
+
+
+def _rng(seed: int, number: int) -> np.random.Generator:
+    return np.random.default_rng([seed, 22, number])
+
+
+def _paper(seed: int) -> Challenge:
+    return Challenge(replace(paper(seed), speed_mps=0.0), (-22.0, 0.0), 62.0)
+
+
+def _standing(seed: int) -> Challenge:
+    rng = _rng(seed, 1)
+    order = Order("person", 0, color=str(rng.choice(["blue", "red", "green"])))
+    stand = Stand(order, rng.uniform(28, 40), LANE_M + rng.uniform(-0.6, 0.6), rng.uniform(-180, 180))
+    return Challenge(_street(seed, (stand,)))
+
+
+def _crossing(seed: int) -> Challenge:
+    rng = _rng(seed, 2)
+    ahead, speed = rng.uniform(30, 40), rng.uniform(1.0, 1.8)
+    side = float(rng.choice([-1, 1]))
+    away = speed * (ahead / SPEED_MPS + rng.uniform(-0.5, 0.5))
+    order = Order("person", 0, model=str(rng.choice(["adult", "child"])), walking=True)
+    stand = Stand(order, ahead, LANE_M + side * away, RIGHTWARDS if side > 0 else LEFTWARDS, speed)
+    return Challenge(_street(seed, (stand,)))
+
+
+def _walking(seed: int) -> Challenge:
+    rng = _rng(seed, 3)
+    yaw = float(rng.choice([AWAY, TOWARDS]))
+    stand = Stand(
+        Order("person", 0, walking=True), rng.uniform(28, 36), LANE_M + rng.uniform(-0.7, 0.7), yaw, 1.3
+    )
+    return Challenge(_street(seed, (stand,)), goes_on=yaw == AWAY)
+
+
+def _bicycle(seed: int) -> Challenge:
+    rng = _rng(seed, 4)
+    stand = Stand(
+        Order("cyclist", 0), rng.uniform(16, 26), LANE_M + rng.uniform(-0.6, 0.3), AWAY, rng.uniform(3.0, 5.0)
+    )
+    return Challenge(_street(seed, (stand,)), goes_on=True)
+
+
+def _stopped(seed: int) -> Challenge:
+    rng = _rng(seed, 5)
+    model = str(rng.choice(["small", "medium", "large", "saloon"]))
+    stand = Stand(Order("car", 0, model=model), rng.uniform(32, 42), LANE_M + rng.uniform(-0.3, 0.1))
+    return Challenge(_street(seed, (stand,)), goes_on=True)
+
+
+def _braking(seed: int) -> Challenge:
+    rng = _rng(seed, 6)
+    stand = Stand(Order("car", 0), rng.uniform(14, 18), LANE_M, AWAY, SPEED_MPS)
+    return Challenge(_street(seed, (stand,)), brakes_s=1.0, brakes_mps2=rng.uniform(2, 5), goes_on=True)
+
+
+def _cargo(seed: int) -> Challenge:
+    rng = _rng(seed, 7)
+    size = rng.uniform(0.4, 0.7)
+    order = Order("box", 0, model="crate", length_m=size, width_m=size, height_m=size)
+    if rng.random() < 0.3:
+        order = Order("tyre", 0, model="standing")
+    stand = Stand(order, rng.uniform(28, 38), LANE_M + rng.uniform(-0.6, 0.6), rng.uniform(-60, 60))
+    return Challenge(_street(seed, (stand,)))
+
+
+def _fork(seed: int) -> Challenge:
+    rng = _rng(seed, 8)
+    road = Road(-7.0, 7.0, marks=(Mark("gore", 28.0, 0.0, 8.0, 1.1),))
+    stand = Stand(Order("fork", 0, length_m=12.0), rng.uniform(36, 40), rng.uniform(-0.4, 0.4))
+    return Challenge(_street(seed, (stand,), road), (0.0, 0.0), 62.0)
+
+
+def _parked(seed: int) -> Challenge:
+    rng = _rng(seed, 9)
+    road = replace(STREET, marks=())
+    models = rng.choice(["small", "medium", "large", "saloon"], 4)
+    stands = tuple(
+        Stand(Order("car", 0, model=str(model)), 15.0 + 6.5 * i + rng.uniform(-0.4, 0.4), rng.uniform(-3.4, -3.1))
+        for i, model in enumerate(models)
+    )
+    return Challenge(_street(seed, stands, road), length_m=50.0)
+
+
+def _empty(seed: int) -> Challenge:
+    rng = _rng(seed, 10)
+    marks = (Mark("manhole", rng.uniform(8, 40), LANE_M, 0.7, 0.7), Mark("patch", rng.uniform(15, 45), LANE_M, 4.0, 1.6))
+    zebra = replace(ZEBRA, along_m=rng.uniform(20, 40))
+    road = replace(STREET, marks=(*marks, Mark("arrow", 15.0, LANE_M, 4.0, 0.9), zebra))
+    return Challenge(_street(seed, (), road), length_m=50.0)
+
+
+CHALLENGES: dict[str, Callable[[int], Challenge]] = {
+    "paper": _paper,
+    "standing": _standing,
+    "crossing": _crossing,
+    "walking": _walking,
+    "bicycle": _bicycle,
+    "stopped": _stopped,
+    "braking": _braking,
+    "cargo": _cargo,
+    "fork": _fork,
+    "parked": _parked,
+    "empty": _empty,
+}
+"""What a drive can meet: seed -> Challenge."""

@@ -1,0 +1,159 @@
+"""A fast stand-in for cameras and detector: what would be found of a scene, with noise and misses its numbers are guesses, not fitted.
+
+Every part of a thing is taken for the upright box around it; nothing is rendered.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from roadblock.geometry.pose import inverse, rotation_from_rotvec, transform, vehicle_from_car
+from roadblock.sim.car import HEIGHT_M, OVER_M, CarState
+from roadblock.sim.solids import Thing, corners_m
+from roadblock.values.camera import Rectification
+from roadblock.values.checks import FloatArray
+from roadblock.values.motion import EgoMotion
+from roadblock.values.scene import FreeSpace, Obstacle
+
+COLUMN_PX = 4.0
+NEAREST_M = 1.5
+
+
+class Noise(NamedTuple):
+    """How a detector errs.
+
+    Attributes
+    ----------
+    d_px
+        Standard deviation of an obstacle's disparity.
+    column_px
+        Of each column of free space, on top.
+    edge_px
+        Of each end of an obstacle's box.
+    missed, missed_per_m
+        Probability that an obstacle is missed in a frame at 0 m, and by how much it grows by metre.
+    reach_m
+        How far road is seen.
+    false_per_frame
+        How often a frame shows something that is not there, anywhere in view.
+    step_share, turn_rad
+        Of the car's own motion: share of each step, and rotation.
+    """
+
+    d_px: float = 0.25
+    column_px: float = 0.2
+    edge_px: float = 2.0
+    missed: float = 0.02
+    missed_per_m: float = 0.002
+    reach_m: float = 28.0
+    false_per_frame: float = 0.0
+    step_share: float = 0.01
+    turn_rad: float = 3e-4
+
+
+class Observed(NamedTuple):
+    """What a detector would give: obstacles without tracks, and free space."""
+
+    obstacles: tuple[Obstacle, ...]
+    free_space: FreeSpace
+
+
+def observe(
+    things: tuple[Thing, ...], car: CarState, twin: Rectification, rng: np.random.Generator, noise: Noise
+) -> Observed:
+    """Return what would be found from a car on a level road.
+
+    Parameters
+    ----------
+    things
+        Where they are.
+    car
+        Where the cameras are.
+    twin
+        The cameras.
+    rng
+        Of noise and misses.
+    noise
+        How much of it.
+    """
+    u = np.arange(COLUMN_PX / 2, twin.size_px[0], COLUMN_PX)
+    fb = twin.f_px * twin.baseline_m
+    nearest = np.full(len(u), np.inf)
+    found = []
+    T_car_world = inverse(car.T_world_car)
+    for thing in things:
+        columns = _columns(thing, T_car_world, twin, u)
+        z = float(columns.min(initial=np.inf))
+        if not NEAREST_M < z < noise.reach_m * 1.5:
+            continue
+        visible = np.flatnonzero((columns < nearest) & np.isfinite(columns))
+        if len(visible) < 2 or rng.random() < noise.missed + noise.missed_per_m * z:
+            continue
+        shared = rng.normal(0, noise.d_px)
+        d = fb / columns + shared + rng.normal(0, noise.column_px, len(u))
+        nearest = np.minimum(nearest, fb / np.maximum(d, 0.5))
+        if thing.id:
+            edges = u[visible[[0, -1]]] + rng.normal(0, noise.edge_px, 2)
+            found.append(_obstacle(thing, edges, fb / z + shared, twin, noise))
+    blocked = nearest < noise.reach_m
+    free = FreeSpace(u, np.where(blocked, nearest, noise.reach_m), blocked)
+    return Observed(tuple(o for o in found if o.range_m < noise.reach_m * 1.5), free)
+
+
+def _columns(thing: Thing, T_car_world: FloatArray, twin: Rectification, u: FloatArray) -> FloatArray:
+    """Return (n,) the forward distance of a thing in each column; infinity where it is not."""
+    columns = np.full(len(u), np.inf)
+    for part in thing.parts:
+        world = corners_m(part, thing.T_world_thing)
+        if world[:, 2].min() > HEIGHT_M or world[:, 2].max() < OVER_M:
+            continue
+        p = transform(T_car_world, world)
+        z = p[:, 2].min()
+        if z < NEAREST_M:
+            continue
+        at = twin.cx_px + twin.f_px * (p[:, 0] + twin.baseline_m / 2) / p[:, 2]
+        # Along a slanted part the distance goes from its left to its right end.
+        left, right = np.argmin(at), np.argmax(at)
+        covered = (u >= at[left]) & (u <= at[right])
+        ends = (1 / p[left, 2], 1 / p[right, 2]) if np.ptp(p[:, 2]) > 2.0 else (1 / z, 1 / z)
+        inverse_z = np.interp(u, [at[left], at[right]], ends)
+        columns[covered] = np.minimum(columns[covered], 1 / inverse_z[covered])
+    return columns
+
+
+def _obstacle(thing: Thing, edges_px: FloatArray, d_px: float, twin: Rectification, noise: Noise) -> Obstacle:
+    fb = twin.f_px * twin.baseline_m
+    z = fb / max(d_px, 0.5)
+    middle, width = edges_px.mean(), max(np.ptp(edges_px), 1.0)
+    x = (middle - twin.cx_px) / twin.f_px * z - twin.baseline_m / 2
+    height = float(thing.size_m[1])
+    camera_m = 1.4
+    foot, top = (twin.cy_px + twin.f_px * y / z for y in (camera_m, camera_m - height))
+    sigma_m = z * z / fb * noise.d_px
+    cov_px2 = np.diag([noise.edge_px**2 / 2, 4.0, noise.d_px**2])
+    cov_m2 = np.diag([sigma_m**2, (noise.edge_px / twin.f_px * z) ** 2, 0.05**2])
+    v0, v1 = round(top), max(round(foot), round(top) + 2)
+    box = (round(edges_px.min()), v0, max(round(edges_px.max()), round(edges_px.min()) + 1), v1)
+    return Obstacle(
+        transform(vehicle_from_car(None), [x, camera_m, z]),
+        z,
+        sigma_m,
+        np.array([width / twin.f_px * z, height, np.nan]),
+        np.array([middle, (v0 + v1) / 2, fb / z]),
+        cov_px2,
+        cov_m2,
+        box,
+        np.zeros((0, 2), np.int32),
+    )
+
+
+def measured_step(
+    before: CarState, now: CarState, before_t_ns: int, t_ns: int, rng: np.random.Generator, noise: Noise
+) -> EgoMotion:
+    """Return the car's own motion between two frames, with noise."""
+    T = inverse(now.T_world_car) @ before.T_world_car
+    T[:3, 3] *= 1 + rng.normal(0, noise.step_share)
+    T[:3, :3] = T[:3, :3] @ rotation_from_rotvec(rng.normal(0, noise.turn_rad, 3))
+    length = float(np.linalg.norm(T[:3, 3]))
+    cov = np.diag([noise.turn_rad**2] * 3 + [(noise.step_share * length) ** 2 + 1e-6] * 3)
+    return EgoMotion(before_t_ns, t_ns, T, cov)
