@@ -1,9 +1,9 @@
-"""Judge free space that remembers: `python benchmarks/accuracy/fused.py [--seeds N] [--first SEED] [--set key=value ...]`.
+"""Judge free space that remembers: `python benchmarks/accuracy/fused.py [--seeds N] [--first SEED] [--set a.b=c ...]`.
 
 Simulated drives at 10 frames a second. Each frame's free space is judged as its detector found it and as it was after
 the frames before had their say. A column is *late* if it reaches more than 10 % beyond the first thing that truly
 stands 0.25 to 2.5 m high in it and in both columns beside it, *near* if something is said to end it more than 10 %
-before the first in any of them. The first
+before the first in any of them; both within 40 m only. The first
 frames, which have nothing to remember, do not count. With `--first` or `--set` nothing is saved.
 """
 
@@ -26,6 +26,7 @@ from roadblock.values.scene import FreeSpace
 
 NAMES = ("city", "country", "crossing", "parked", "rain", "night")
 FPS, FRAMES, FIRST = 10.0, 9, 4
+REACH_M = 40.0
 
 
 def count(free: FreeSpace, z_m: np.ndarray, height_m: np.ndarray) -> np.ndarray:
@@ -33,8 +34,13 @@ def count(free: FreeSpace, z_m: np.ndarray, height_m: np.ndarray) -> np.ndarray:
     assert free.is_blocked is not None
     at = np.rint(free.u_px).astype(int)
     with np.errstate(invalid="ignore"):
-        late = NEARER * free.range_m > first_standing(z_m, height_m)[at]
-        near = free.is_blocked & (free.range_m < NEARER * first_standing(z_m, height_m, beside=False)[at])
+        standing_m = first_standing(z_m, height_m)[at]
+        late = (standing_m < REACH_M) & (NEARER * free.range_m > standing_m)
+        near = (
+            free.is_blocked
+            & (free.range_m < REACH_M)
+            & (free.range_m < NEARER * first_standing(z_m, height_m, beside=False)[at])
+        )
     return np.array([np.isfinite(free.range_m).sum(), late.sum(), near.sum()])
 
 
@@ -49,15 +55,9 @@ def main() -> None:
     for name in NAMES:
         alone, fused = np.zeros(3, int), np.zeros(3, int)
         for seed in range(options.first, options.first + options.seeds):
-            pipeline, scene = Pipeline(RIG, load_settings(None, options.set)), SCENES[name](seed)
-            found: list[FreeSpace] = []
-            remember = pipeline._remember
-
-            def remembered(free: FreeSpace, *args, found=found, remember=remember) -> FreeSpace:  # type: ignore[no-untyped-def]
-                found.append(free)
-                return remember(free, *args)
-
-            pipeline._remember = remembered  # type: ignore[assignment]
+            scene = SCENES[name](seed)
+            forgets = Pipeline(RIG, load_settings(None, [*options.set, "fuse.frames=0"]))
+            remembers = Pipeline(RIG, load_settings(None, options.set))
             for index in range(FRAMES):
                 seen = photograph(
                     scene.at(index / FPS),
@@ -67,12 +67,12 @@ def main() -> None:
                     index=index,
                     t_ns=1 + index * 10**8,
                 )
-                result, _ = pipeline.step(seen.pair)
+                results = [pipeline.step(seen.pair)[0] for pipeline in (forgets, remembers)]
                 if index >= FIRST:
                     assert seen.disparity is not None
                     true = lift(seen.disparity.d_px, seen.ground)
-                    alone += count(found[-1], *true)
-                    fused += count(result.free_space, *true)
+                    for counts, result in zip((alone, fused), results, strict=True):
+                        counts += count(result.free_space, *true)
         row: dict[str, object] = {"drive": name, "frames": options.seeds * (FRAMES - FIRST)}
         for what, counts in (("alone", alone), ("fused", fused)):
             row |= {f"late {what}": round(float(counts[1] / counts[0]), 4)}

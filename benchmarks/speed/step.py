@@ -4,7 +4,8 @@ DATA (default: $ROADBLOCK_DATA or ../shared/data) may hold kitti2015, whose fram
 rendered. Every size and search range is a race of its own: StereoBM, SGBM and our steps take turns on the same grey
 frames, and the median of their turns counts. One thread is timed in CPU time, so that a shared core does not count; two
 threads by the clock. OpenCV's matchers get rectified images for nothing; ours begin with raw ones, of a rig turned by
-`TURN_RAD`, and end with obstacles. `step cells` and `step fast` have default settings; `refined`: `refine.level=fast`.
+`TURN_RAD`, and end with obstacles: `step cells` and `step fast` with `recognize.recognizer=none`, `recognized` with the
+default, and `refined` with `refine.level=fast` besides.
 
 `--quick` runs 1242x375 with 128 disparities only, and saves nothing. `--native` leaves out the lesser processors.
 """
@@ -92,8 +93,9 @@ def racers(rig: StereoRig, disparities: int) -> dict[str, Callable[[StereoPair],
         return lambda pair: pipeline.step(pair)[0].timings_ms
 
     matchers = {BM: alone(match_bm, bm), SGBM: alone(match_sgbm, way3), HH4: alone(match_sgbm, hh4)}
-    steps = {f"step {name}": step(name) for name in ("cells", "fast")}
-    return matchers | steps | {f"step {name}, refined": step(name, "refine.level=fast") for name in ("cells", "fast")}
+    kinds = {"": ("recognize.recognizer=none",), ", recognized": (), ", refined": ("refine.level=fast",)}
+    steps = {f"step {name}{kind}": step(name, *more) for kind, more in kinds.items() for name in ("cells", "fast")}
+    return matchers | steps
 
 
 def race(scene: Scene, disparities: int, threads: int) -> tuple[dict[str, float], dict[str, float]]:
@@ -209,8 +211,8 @@ def main() -> None:
         "![Times over pixels x disparities](benchmarks/results/speed.png)\n\n"
         "Ratios: how many times as fast as OpenCV's StereoBM (block 15) and SGBM 3-way on the same grey frames in "
         "the same turns. `step`: raw images to obstacles, with the rectification that OpenCV's rows are spared; "
-        "`refined`: with `refine.level=fast`; `cells: match` and the like are stages, by the clock. One thread in "
-        "CPU ms, two by the clock."
+        "`recognized`: with types, colours and contours, as by default; `refined`: with `refine.level=fast` besides; "
+        "`cells: match` and the like are stages, by the clock. One thread in CPU ms, two by the clock."
         "\n\nCost grows with pixels x disparities to the power of "
         f"{', '.join(f'{e} ({what})' for what, e in exponents.items())}."
     )

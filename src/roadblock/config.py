@@ -21,6 +21,7 @@ from roadblock.stages.low import LowSettings
 from roadblock.stages.match import MatchSettings
 from roadblock.stages.match.cells import CellSettings
 from roadblock.stages.mono import MonoSettings
+from roadblock.stages.recognize import RecognizeSettings
 from roadblock.stages.rectify import RectifySettings
 from roadblock.stages.refine import RefineSettings
 from roadblock.stages.segment import SegmentSettings
@@ -40,6 +41,7 @@ class Settings(BaseModel):
     segment: SegmentSettings = SegmentSettings()
     low: LowSettings = LowSettings()
     refine: RefineSettings = RefineSettings()
+    recognize: RecognizeSettings = RecognizeSettings()
     bands: BandsSettings = BandsSettings()
     mono: MonoSettings = MonoSettings()
     health: HealthSettings = HealthSettings()

@@ -12,7 +12,7 @@ from roadblock.stages.decide import Decider
 from roadblock.stages.egomotion import Odometer
 from roadblock.stages.fuse import FreeSpaceMemory
 from roadblock.stages.health import judge, looks_swapped
-from roadblock.stages.recognize import name_colors
+from roadblock.stages.recognize import NetworkRecognizer, make_recognizer, weigh_motion
 from roadblock.stages.rectify import plan_rectification, rectify
 from roadblock.stages.refine import refine
 from roadblock.stages.track import Tracker
@@ -37,7 +37,9 @@ class Pipeline:
     RigError
         If the cameras share no view.
     SettingsError
-        If the detector is unknown.
+        If the detector is unknown, or the recogniser's network does not fit its description.
+    MissingExtraError
+        If a network is wanted and the library for it is not installed.
     """
 
     def __init__(self, rig: StereoRig, settings: Settings | None = None) -> None:
@@ -45,10 +47,16 @@ class Pipeline:
         self.settings = settings or Settings()
         self.rectification = plan_rectification(rig, self.settings.rectify)
         self.detect = make_detector(self.settings)
+        self._recognize = make_recognizer(self.settings.recognize, rig.T_vehicle_car)
         self._measure_ego = Odometer(self.rectification, self.settings.egomotion)
         self._remember = FreeSpaceMemory(self.rectification, self.settings.fuse)
         self._tracker = Tracker(self.rectification, rig.T_vehicle_car, self.settings.track)
         self._decider = Decider(self.rectification, rig.T_vehicle_car, self.settings.decide)
+
+    @property
+    def network_sha256(self) -> str | None:
+        """Hash of the network that names types; None where none does."""
+        return self._recognize.session.sha256 if isinstance(self._recognize, NetworkRecognizer) else None
 
     def step(self, pair: StereoPair) -> tuple[FrameResult, RectifiedPair]:
         """Find every obstacle in one pair.
@@ -72,9 +80,12 @@ class Pipeline:
             matches = not math.isnan(found.matched_share)
             regions = refine(rectified, found.regions, self.settings.refine) if matches else found.regions
         with _timed(timings_ms, "triangulate"):
-            colors = name_colors([region.color_rgb for region in regions])
-            located = locate_all(regions, self.rectification, found.ground, colors, self.rig.T_vehicle_car)
+            located = locate_all(
+                regions, self.rectification, found.ground, [None] * len(regions), self.rig.T_vehicle_car
+            )
             obstacles = add_calibration_error(located, self.rectification, self.rig)
+        with _timed(timings_ms, "recognize"):
+            obstacles = self._recognize(rectified, found, regions, obstacles)
         health = judge(found, self.settings.health)
         if health.state != "ok" and looks_swapped(rectified):
             raise SourceError(f"frame {pair.name}: the left and right images look swapped: exchange them")
@@ -86,6 +97,7 @@ class Pipeline:
                 free_space = self._remember(free_space, pair.t_ns, ego)
             with _timed(timings_ms, "track"):
                 obstacles = self._tracker.update(obstacles, pair.t_ns, ego, found.free_space)
+                obstacles = weigh_motion(obstacles, self.settings.recognize.least_probability)
             if self.settings.decide.enabled:
                 with _timed(timings_ms, "decide"):
                     decision = self._decider.decide(obstacles, free_space, ego, pair.t_ns)

@@ -55,6 +55,10 @@ def test_the_video_library_has_one_door_in_and_one_out() -> None:
     assert importers("av") == {"video.py", "sinks.py"}
 
 
+def test_the_network_library_has_one_door() -> None:
+    assert importers("onnxruntime") == {"session.py"}
+
+
 def test_settings_reach_no_further_than_the_stages() -> None:
     """Pydantic builds settings and checks foreign files; values stay plain dataclasses."""
     assert not {path.name for path in SOURCES if path.parent.name == "values"} & importers("pydantic")

@@ -292,8 +292,9 @@ def test_what_is_seen_through(n: int, share: float) -> None:
     for _ in range(n):
         (row, column), (tall, wide) = rng.integers(0, 8, 2), rng.integers(2, 20, 2)
         grid = np.stack(np.mgrid[row : row + tall, column : column + wide], -1).reshape(-1, 2)
-        chosen = grid[rng.random(len(grid)) < share]
-        cells.append((chosen if len(chosen) else grid) @ [columns, 1])
+        mine = grid[rng.random(len(grid)) < share] @ [columns, 1]
+        mine = np.setdiff1d(mine, np.concatenate([*cells, []]))  # a cell belongs to one piece
+        cells.append(mine if len(mine) else np.array([40 * columns + len(cells)]))
     bounds = np.cumsum([0, *map(len, cells)]).astype(np.int32)
     flat = np.concatenate([*cells, []]).astype(np.int32)
     order = rng.permutation(n).astype(np.int64)

@@ -20,7 +20,19 @@ from roadblock.values.frame import RectifiedPair, StereoPair
 from roadblock.values.scene import FrameResult, Obstacle
 
 HALF = Camera((640, 360), 516.5, 516.5, 325.9, 173.55)
-STAGES = ["rectify", "match", "ground", "segment", "refine", "triangulate", "egomotion", "track", "total"]
+STAGES = [
+    "rectify",
+    "match",
+    "ground",
+    "segment",
+    "refine",
+    "triangulate",
+    "recognize",
+    "egomotion",
+    "fuse",
+    "track",
+    "total",
+]
 
 
 def half_rig(baseline_m: float = 0.205) -> StereoRig:
@@ -79,7 +91,7 @@ def test_all_six_are_found_where_they_stand(street: Rendered, step: tuple[FrameR
         assert obstacle.position_m[1] == pytest.approx(true.position_m[1], abs=0.25)  # edges: to about four cells
         assert obstacle.position_m[2] == pytest.approx(true.position_m[2], abs=0.12)
         assert obstacle.size_m[1] == pytest.approx(true.size_m[1], rel=0.12)
-        assert obstacle.label == "unknown"
+        assert obstacle.label in ({"person": ("person", "unknown")} | {"box": ("debris", "wall", "unknown")})[true.type]
 
 
 def test_colours_are_named(street: Rendered, step: tuple[FrameResult, RectifiedPair]) -> None:

@@ -148,7 +148,7 @@ def _record(
     tally: Tally,
 ) -> dict[str, Any]:
     rigs = [rig_record(pipeline.rig) for pipeline in pipelines.values()]
-    return run_record(
+    record = run_record(
         source={
             "name": source.name,
             "path": spec,
@@ -162,6 +162,8 @@ def _record(
         frames=tally.frames,
         interrupted=tally.interrupted,
     )
+    hashes = [pipeline.network_sha256 for pipeline in pipelines.values() if pipeline.network_sha256]
+    return record | ({"network_sha256": hashes[0]} if hashes else {})
 
 
 def rig_record(rig: StereoRig) -> dict[str, Any]:

@@ -30,7 +30,9 @@ from roadblock.values.scene import EDGE_KINDS, FrameResult, FreeSpace, GroundPla
 RESULTS, RUN, OVERLAY, VIDEO = "obstacles.jsonl", "run.json", "overlay", "overlay.mp4"
 """The names of a run's own files in its folder."""
 
-METRE_DIGITS, PX_DIGITS, RAD_DIGITS, MS_DIGITS, SHARE_DIGITS = 4, 2, 6, 3, 4
+METRE_DIGITS, PX_DIGITS, RAD_DIGITS, MS_DIGITS, SHARE_DIGITS, LAB_DIGITS = 4, 2, 6, 3, 4, 1
+LEAST_ODDS = 0.01
+"""Classes less probable than this are not written."""
 
 
 def number(value: float, digits: int) -> float | None:
@@ -103,13 +105,20 @@ def _obstacle_record(obstacle: Obstacle) -> dict[str, Any]:
         "id": None if obstacle.track is None else obstacle.track.id,
         "class": obstacle.label,
         "class_probability": number(obstacle.probability, SHARE_DIGITS),
+        "class_odds": {k: round(p, SHARE_DIGITS) for k, p in obstacle.class_odds.items() if p >= LEAST_ODDS},
         "color": obstacle.color,
+        "colors": list(obstacle.colors),
+        "color_lab": numbers(obstacle.color_lab, LAB_DIGITS) if obstacle.colors else None,
         "position_m": numbers(obstacle.position_m, METRE_DIGITS),
         "range_m": number(obstacle.range_m, METRE_DIGITS),
         "range_sigma_m": number(obstacle.range_sigma_m, METRE_DIGITS),
         "range_sigma_calib_m": number(obstacle.range_sigma_calib_m, METRE_DIGITS),
         "cov_calib_m2": _covariance_rows(obstacle.cov_calib_m2),
         "size_m": numbers(obstacle.size_m, METRE_DIGITS),
+        "size_sigma_m": numbers(obstacle.size_sigma_m, METRE_DIGITS),
+        "outline_m": [numbers(corner, METRE_DIGITS) for corner in obstacle.outline_m],
+        "heading_rad": number(obstacle.heading_rad, RAD_DIGITS),
+        "heading_sigma_rad": number(obstacle.heading_sigma_rad, RAD_DIGITS),
         "box_px": [int(edge) for edge in obstacle.box_px],
         "seen_through": obstacle.is_seen_through,
         "contour_px": np.asarray(obstacle.contour_px, int).reshape(-1, 2).tolist(),

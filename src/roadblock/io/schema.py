@@ -43,6 +43,13 @@ class ObstacleRecord(Record):
     velocity_sigma_mps: Pair | None = None
     velocity_over_ground: bool | None = None
     ttc_sigma_s: float | None = None
+    class_odds: dict[str, float] = {}
+    colors: list[str] = []
+    color_lab: Triple | None = None
+    size_sigma_m: Annotated[list[float | None], Field(min_length=3, max_length=3)] | None = None
+    outline_m: list[Pair] = []
+    heading_rad: float | None = None
+    heading_sigma_rad: float | None = None
 
 
 class RoadEdgesRecord(Record):

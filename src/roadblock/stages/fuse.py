@@ -1,6 +1,6 @@
 """Fuse: FreeSpace of each frame and the vehicle's own motion in; FreeSpace that remembers a moment, out.
 
-What ended a column's free space in the frames before is carried along with the motion. Where most of these frames agree
+What ended a column's free space in the frames before is carried along with the motion. Where these frames agree
 that something stands nearer than this frame says, this frame overlooked it: the column ends there. Nothing is ever made
 longer, and what this frame did not observe stays unobserved.
 """
@@ -26,7 +26,7 @@ class FuseSettings(BaseModel):
 
     frames: int = Field(4, ge=0, le=20, description="Of so many frames before; 0 = each frame by itself.")
     memory_s: float = Field(0.5, gt=0, description="None of them older than this.")
-    agree: int = Field(2, ge=1, description="So many of them must have seen something nearer, ...")
+    agree: int = Field(4, ge=1, description="So many of them must have seen something standing there, ...")
     nearer: float = Field(0.9, gt=0, lt=1, description="... nearer than this share of what this frame says, ...")
     nearer_px: float = Field(1.5, ge=0, description="... and by so much disparity.")
 
@@ -86,7 +86,7 @@ class FreeSpaceMemory:
             fb = self.rectification.f_px * self.rectification.baseline_m
             count = (ranges < np.minimum(s.nearer * z, fb / (fb / z + s.nearer_px))).sum(0)
             agreed = ranges[np.maximum(count - 1, 0), np.arange(len(z))]
-            late = count >= max(s.agree, (len(before) + 1) // 2)
+            late = count >= s.agree
         return FreeSpace(free.u_px, np.where(late, agreed, z), free.is_blocked | late, free.edges)
 
     def _per_column(self, ends: _Ends, u_px: FloatArray) -> FloatArray:

@@ -85,7 +85,7 @@ def fit_ground(
         disparity.d_px,
         disparity.cell_px,
         disparity.cell_height_px,
-        np.array([r.f_px, r.cx_px, r.cy_px, r.baseline_m]),
+        r.numbers,
         np.array([s.far_m, s.side_m, *s.height_m, slopes[0], BIN_SHARE * s.near_m]),
         np.array([*s.height_m, *slopes]),
         np.array([r.f_px * r.baseline_m, s.near_m, SIDE_SHARE * s.side_m, FADE_SHARE * s.near_m]),

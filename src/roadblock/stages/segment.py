@@ -17,7 +17,15 @@ from roadblock.kernels.reference.street import BESIDE
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.frame import DisparityMap, Image
-from roadblock.values.scene import NEAREST_FACE_PERCENT, FreeSpace, GroundPlane, Region, RoadEdges, Stixels
+from roadblock.values.scene import (
+    NEAREST_FACE_PERCENT,
+    FreeSpace,
+    GroundPlane,
+    Region,
+    RoadEdges,
+    Stixels,
+    road_numbers,
+)
 
 ROAD_M = 0.2
 """What lies this close to the ground plane is road."""
@@ -29,6 +37,8 @@ NEAREST_SHARE = 0.15
 """Free space ends at this share of the cells that stand together: the very nearest may be stray ones."""
 CLOSE_SHARE = 0.9
 """A hole that begins beyond this share of the range lies right before what ends free space, and shortens it."""
+FREE_PX = 3.5
+"""No road is known to be free where disparities are smaller than this."""
 STIXEL_CELLS = 2
 """Smaller ones are specks."""
 MOST_REGIONS = 1000
@@ -108,9 +118,8 @@ def lift(disparity: DisparityMap, rectification: Rectification, ground: GroundPl
     """Put every cell in space. Without a ground, heights are NaN."""
     r, d_px = rectification, disparity.d_px
     z_m, height_m = np.empty_like(d_px), np.empty_like(d_px)
-    road = np.full(5, np.nan) if ground is None else np.array([*ground.normal, ground.height_m, ground.bend_per_m])
-    twin = np.array([r.f_px, r.cx_px, r.cy_px, r.baseline_m])
-    kernels.raise_cells(d_px, disparity.cell_px, disparity.cell_height_px, twin, road, z_m, height_m)
+    cell = disparity.cell_px, disparity.cell_height_px
+    kernels.raise_cells(d_px, *cell, r.numbers, road_numbers(ground), z_m, height_m)
     return Surface(disparity, r, z_m, height_m)
 
 
@@ -136,10 +145,11 @@ def find_free_space(surface: Surface, ground: GroundPlane | None, settings: Segm
     kernels.measure_free(disparity.d_px, surface.height_m, fb, heights, support, aside, NEAREST_SHARE, range_m, blocked)
     hole = np.empty(columns)
     kernels.find_holes(surface.height_m, _road_ranges(surface, ground), h, settings.free_gap_m * r.f_px, hole)
-    # A hole was made narrower by what is seen beside it.
-    beside = minimum_filter1d(hole, 2 * BESIDE + 1, mode="nearest")
-    blocked &= beside >= range_m
-    range_m = np.where(beside < CLOSE_SHARE * range_m, np.nan, np.minimum(beside, range_m))
+    # A hole was made narrower by what is seen beside it, and its edges lie within cells.
+    beside = minimum_filter1d(hole, 2 * BESIDE + 3, mode="nearest")
+    end_m = np.minimum(beside, fb / FREE_PX)
+    blocked &= end_m >= range_m
+    range_m = np.where(beside < CLOSE_SHARE * range_m, np.nan, np.minimum(end_m, range_m))
     return FreeSpace(u_px, range_m, blocked, _find_edges(surface, ground, range_m, settings))
 
 
@@ -216,7 +226,7 @@ def find_regions(
     kept = np.empty(found, bool)
     kernels.drop_hidden(boxes[order], (np.diff(bounds[: found + 1]) * w * h)[order], kept)
     order, through = order[kept], np.empty(np.count_nonzero(kept), bool)
-    kernels.find_through(cells, bounds, order, columns, through)
+    kernels.find_through(cells, bounds[: found + 1], order, columns, through)
     return _describe(surface, colors, cells, bounds[: found + 1], boxes, order, through, settings.locking_px)
 
 
@@ -284,6 +294,4 @@ def _describe(
 def _road_rows(boxes: NDArray[np.int32], range_m: FloatArray, r: Rectification, ground: GroundPlane) -> FloatArray:
     """Return the image row below which each nearest face stands on the road, within the image."""
     x_m = ((boxes[:, 0] + boxes[:, 2] - 1) / 2 - r.cx_px) / r.f_px * range_m - r.baseline_m / 2
-    n_x, n_y, n_z = ground.normal
-    y_m = (n_x * x_m + n_z * range_m + ground.height_m - ground.bend_per_m * range_m**2) / -n_y
-    return np.asarray(np.clip(np.rint(y_m / range_m * r.f_px + r.cy_px) + 1, 0, r.size_px[1]))
+    return np.asarray(np.clip(np.rint(ground.y_below(x_m, range_m) / range_m * r.f_px + r.cy_px) + 1, 0, r.size_px[1]))

@@ -11,7 +11,7 @@ from roadblock.geometry.uncertainty import calibration_cov
 from roadblock.kernels.compiled.street import measure_surfaces
 from roadblock.values.camera import Rectification, StereoRig
 from roadblock.values.checks import FloatArray
-from roadblock.values.scene import NEAREST_FACE_PERCENT, GroundPlane, Obstacle, Region
+from roadblock.values.scene import NEAREST_FACE_PERCENT, GroundPlane, Obstacle, Region, road_numbers
 
 FACE_SHARE, DEPTH_SHARE = 0.04, 0.08
 """What a detector takes along or leaves out moves the nearest face by such shares of a thing's size (the root of its
@@ -66,15 +66,14 @@ def locate_all(
     r = rectification
     surfaces, sigmas = zip(*map(measured_surface, regions), strict=True)
     bounds = np.cumsum([0, *map(len, surfaces)]).astype(np.int32)
-    road = np.full(5, np.nan) if ground is None else np.array([*ground.normal, ground.height_m, ground.bend_per_m])
     figures = np.empty((len(regions), 8))
-    twin = np.array([r.f_px, r.cx_px, r.cy_px, r.baseline_m])
-    measure_surfaces(np.concatenate(surfaces), bounds, twin, road, NEAREST_FACE_PERCENT / 100, figures)
+    near_share = NEAREST_FACE_PERCENT / 100
+    measure_surfaces(np.concatenate(surfaces), bounds, r.numbers, road_numbers(ground), near_share, figures)
     range_m, far_m, left_m, right_m, middle_m, v_px, height_m, lowest_m = figures.T
     for i, region in enumerate(regions):
         if region.refined is not None:
             range_m[i] = r.f_px * r.baseline_m / region.refined.nearest_d_px
-    feet = np.stack([middle_m, lowest_m if ground is None else _road_below(ground, middle_m, range_m), range_m], -1)
+    feet = np.stack([middle_m, lowest_m if ground is None else ground.y_below(middle_m, range_m), range_m], -1)
     scale = r.f_px / range_m
     depth_m, per_m = far_m - range_m, scale * r.baseline_m / range_m
     is_seen = depth_m > 3 * np.array(sigmas) / per_m
@@ -110,12 +109,6 @@ def locate_all(
         )
         for i, region in enumerate(regions)
     ]
-
-
-def _road_below(ground: GroundPlane, x_m: FloatArray, z_m: FloatArray) -> FloatArray:
-    """Return y of the road at each (x, z), car frame, metres."""
-    n_x, n_y, n_z = ground.normal
-    return np.asarray((n_x * x_m + n_z * z_m + ground.height_m - ground.bend_per_m * z_m**2) / -n_y)
 
 
 def _foot_jacobian(r: Rectification, feet: FloatArray, ground: GroundPlane | None) -> FloatArray:

@@ -277,6 +277,11 @@ class Rectification:
     maps_right: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
     half_maps: tuple[NDArray[np.float32], ...] | None = field(init=False, default=None)
 
+    @property
+    def numbers(self) -> FloatArray:
+        """(4,) focal length and principal point, pixels, and baseline, metres: what kernels need of the cameras."""
+        return np.array([self.f_px, self.cx_px, self.cy_px, self.baseline_m])
+
     def __post_init__(self) -> None:
         for name in ("f_px", "baseline_m"):
             object.__setattr__(self, name, positive(name, getattr(self, name)))

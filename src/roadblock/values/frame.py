@@ -108,6 +108,7 @@ class RectifiedPair:
             )
         self._part: Callable[[Window], Image] = lambda window: left[window]
         self._left, self._right = cache(lambda: left), cache(lambda: right)
+        self._left_colors = cache(lambda width_px, height_px: _middles(self._part, width_px, height_px))
         self.half: tuple[Gray, Gray] | None = None
         self.rectification, self.index, self.name, self.t_ns = rectification, index, name, t_ns
 
@@ -126,6 +127,7 @@ class RectifiedPair:
         pair = cls.__new__(cls)
         pair._part = left
         pair._left, pair._right = cache(lambda: locked(left(WHOLE))), cache(lambda: locked(right(WHOLE)))
+        pair._left_colors = cache(lambda width_px, height_px: _middles(left, width_px, height_px))
         pair.half = half
         pair.rectification, pair.index, pair.name, pair.t_ns = rectification, index, name, t_ns
         return pair
@@ -140,15 +142,20 @@ class RectifiedPair:
 
         Cells count from the image's corner; a last one that holds no middle is left out. None where `left` is grey.
         """
-        if self._part((slice(1), slice(1))).ndim == 2:
-            return None
-        window = slice(cell_height_px // 2, None, cell_height_px), slice(cell_px // 2, None, cell_px)
-        return locked(np.ascontiguousarray(self._part(window)))
+        return self._left_colors(cell_px, cell_height_px)
 
     @property
     def right(self) -> Image:
         """The rectified right image."""
         return self._right()
+
+
+def _middles(part: Callable[[Window], Image], cell_px: int, cell_height_px: int) -> Image | None:
+    """Return the pixels in the middle of cells; None where they are grey."""
+    if part((slice(1), slice(1))).ndim == 2:
+        return None
+    window = slice(cell_height_px // 2, None, cell_height_px), slice(cell_px // 2, None, cell_px)
+    return locked(np.ascontiguousarray(part(window)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,10 @@ UNKNOWN_COV = locked(np.full((3, 3), np.nan))
 EDGE_KINDS = ("none", "kerb", "verge")
 """What ends the road though no wall stands there: a step up to a pavement; grass, gravel, a bank."""
 
+UNKNOWN_3 = locked(np.full(3, np.nan))
+NO_OUTLINE = locked(np.empty((0, 2)))
+"""What nobody has recognised yet."""
+
 HEALTH_STATES = ("ok", "degraded", "failed")
 
 
@@ -75,9 +79,17 @@ class GroundPlane:
 
     def point_below(self, x_m: float, z_m: float) -> FloatArray:
         """Return the car-frame point (3,) of the road at `x_m` to the right and `z_m` ahead."""
+        return np.array([x_m, self.y_below(x_m, z_m), z_m])
+
+    def y_below(self, x_m: FloatArray | float, z_m: FloatArray | float) -> FloatArray:
+        """Return y (...) of the road, car frame, metres, at each x (...) to the right and z (...) ahead."""
         n_x, n_y, n_z = self.normal
-        y = (n_x * x_m + n_z * z_m + self.height_m - self.bend_per_m * z_m**2) / -n_y
-        return np.array([x_m, y, z_m])
+        return np.asarray((n_x * x_m + n_z * z_m + self.height_m - self.bend_per_m * z_m**2) / -n_y)
+
+
+def road_numbers(ground: GroundPlane | None) -> FloatArray:
+    """Return (5,) the normal, the height in metres and the bend per metre, as kernels take them; NaN without a road."""
+    return np.full(5, np.nan) if ground is None else np.array([*ground.normal, ground.height_m, ground.bend_per_m])
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,7 +324,7 @@ class Obstacle:
     box_px, contour_px
         As in `Region`.
     color
-        Name of its mean colour, None for grey cameras.
+        Name of its body's colour, None for grey cameras.
     label, probability
         Class and its probability; "unknown" and NaN until recognised.
     cov_calib_m2
@@ -324,6 +336,18 @@ class Obstacle:
         What is known of it over time; None where nothing is (single frames, things just seen for the first time).
     is_seen_through
         As in `Region`.
+    colors, color_lab
+        One or two names of its body's colours, `color` first, and (3,) the CIELAB value in the road's light; empty and
+        NaN where unknown.
+    class_odds
+        Probability of each class by name; empty until recognised.
+    size_sigma_m
+        (3,) standard deviations of `size_m`, metres; NaN where unknown.
+    outline_m
+        (n, 2) polygon of what is seen of it on the road, vehicle frame x and y, metres; empty where unknown.
+    heading_rad, heading_sigma_rad
+        Which way it runs, from the vehicle's x to its y, and the standard deviation. Front and back look alike: -pi/2
+        to pi/2, unless it moves, then -pi to pi. NaN where its visible faces do not tell.
 
     Raises
     ------
@@ -347,6 +371,13 @@ class Obstacle:
     range_sigma_calib_m: float = float("nan")
     track: Track | None = None
     is_seen_through: bool = False
+    colors: tuple[str, ...] = ()
+    color_lab: FloatArray = field(default_factory=lambda: UNKNOWN_3)
+    class_odds: dict[str, float] = field(default_factory=dict)
+    size_sigma_m: FloatArray = field(default_factory=lambda: UNKNOWN_3)
+    outline_m: FloatArray = field(default_factory=lambda: NO_OUTLINE)
+    heading_rad: float = float("nan")
+    heading_sigma_rad: float = float("nan")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position_m", finite("position_m", self.position_m, (3,)))
@@ -356,8 +387,12 @@ class Obstacle:
 
     def with_track(self, track: Track) -> "Obstacle":
         """Return the same obstacle with its track; `dataclasses.replace` would check all numbers once more."""
+        return self.recognized(track=track)
+
+    def recognized(self, **known: object) -> "Obstacle":
+        """Return the same obstacle with fields that need no check, from a stage that made them itself."""
         other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__, track=track)
+        other.__dict__.update(self.__dict__, **known)
         return other
 
 

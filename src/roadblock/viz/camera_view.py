@@ -205,8 +205,8 @@ def label_texts(obstacle: Obstacle) -> tuple[str, str]:
     short = measure_text(obstacle.range_m, obstacle.range_sigma_m)
     if obstacle.track is not None:
         short = f"#{obstacle.track.id} {short}{_speed_text(obstacle.track)}"
-    kind = obstacle.label if obstacle.label != "unknown" else " ".join(filter(None, (obstacle.color, "obstacle")))
-    return f"{kind} {short}", short
+    kind = obstacle.label if obstacle.label != "unknown" else "obstacle"
+    return " ".join(filter(None, (obstacle.color, kind, short))), short
 
 
 def _speed_text(track: Track) -> str:

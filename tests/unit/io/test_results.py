@@ -67,13 +67,20 @@ def test_record_is_the_public_schema():
                 "id": None,
                 "class": "unknown",
                 "class_probability": None,
+                "class_odds": {},
                 "color": "red",
+                "colors": [],
+                "color_lab": None,
                 "position_m": [12.3457, -0.5, -1.2],
                 "range_m": 12.3457,
                 "range_sigma_m": 0.2,
                 "range_sigma_calib_m": None,
                 "cov_calib_m2": None,
                 "size_m": [1.8, 1.5, None],
+                "size_sigma_m": [None, None, None],
+                "outline_m": [],
+                "heading_rad": None,
+                "heading_sigma_rad": None,
                 "box_px": [10, 11, 30, 42],
                 "seen_through": False,
                 "contour_px": [[10, 11], [29, 11], [29, 41]],
@@ -108,6 +115,29 @@ def test_record_holds_edges_and_stixels():
         "range_m": [7.25],
         "height_m": [None],
     }
+
+
+def test_record_of_a_recognised_obstacle():
+    known = make_obstacle().recognized(
+        label="car",
+        probability=0.91237,
+        class_odds={"car": 0.91237, "wall": 0.08, "pole": 0.004},
+        colors=("red", "white"),
+        color_lab=np.array([41.93, 58.33, 41.22]),
+        size_sigma_m=np.array([0.05, 0.04, NAN]),
+        outline_m=np.array([[12.3, -0.2], [12.3, -1.9], [12.51234, -1.9]]),
+        heading_rad=0.1,
+        heading_sigma_rad=0.02,
+    )
+    record = frame_record(make_result(obstacles=(known,)))
+    FrameRecord.model_validate(record)
+    obstacle = record["obstacles"][0]
+    assert (obstacle["class"], obstacle["class_probability"]) == ("car", 0.9124)
+    assert obstacle["class_odds"] == {"car": 0.9124, "wall": 0.08}
+    assert (obstacle["colors"], obstacle["color_lab"]) == (["red", "white"], [41.9, 58.3, 41.2])
+    assert obstacle["size_sigma_m"] == [0.05, 0.04, None]
+    assert obstacle["outline_m"][2] == [12.5123, -1.9]
+    assert (obstacle["heading_rad"], obstacle["heading_sigma_rad"]) == (0.1, 0.02)
 
 
 def test_record_of_nothing_known_is_plain_json():

@@ -36,6 +36,15 @@ def test_a_wall_is_found_where_it_is(half_px: float, width_px: int) -> None:
     assert (np.abs(inner - 2 * half_px) > 1).mean() < 0.02
 
 
+@pytest.mark.parametrize(("light", "noise", "known"), [(1.0, 9, True), (0.25, 9, False)])
+def test_in_a_dark_noisy_image_what_is_far_is_unknown(light: float, noise: float, known: bool) -> None:
+    rng = np.random.default_rng(8)
+    pair = [np.clip(light * image + noise * rng.normal(size=SHAPE), 0, 255).astype(np.uint8) for image in wall(2.0)]
+    d_px = CellMatcher(CellSettings(disparities=64, quiet=5, noise_margin=0))(*pair).d_px
+    assert (np.isfinite(d_px[2:-2, 6:-2]).mean() > 0.5) == known
+    assert known or np.isnan(d_px).all()
+
+
 def test_what_the_right_image_does_not_show_is_unknown() -> None:
     d_px = CellMatcher(CellSettings(disparities=64))(*wall(24)).d_px
     assert not (d_px > 4 * np.arange(d_px.shape[1])).any()

@@ -170,7 +170,7 @@ def test_obstacles_without_contour_are_framed(rig, image):
 def test_label_names_the_class_or_else_the_colour(rig):
     assert label_texts(obstacle_at(rig, 0, 10.0)) == ("red obstacle 10.0 ± 0.2 m", "10.0 ± 0.2 m")
     assert label_texts(obstacle_at(rig, 0, 10.0, color=None))[0] == "obstacle 10.0 ± 0.2 m"
-    assert label_texts(obstacle_at(rig, 0, 10.0, label="car"))[0] == "car 10.0 ± 0.2 m"
+    assert label_texts(obstacle_at(rig, 0, 10.0, label="car"))[0] == "red car 10.0 ± 0.2 m"
 
 
 def tracked(obstacle: Obstacle, motion: str, ttc_s: float) -> Obstacle:

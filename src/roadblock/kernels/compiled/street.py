@@ -525,14 +525,21 @@ def drop_hidden(boxes: Ints, areas: Ints, kept: NDArray[np.bool_]) -> None:
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def find_through(cells: Ints, bounds: Ints, order: NDArray[np.int64], columns: int, through: NDArray[np.bool_]) -> None:
     """See `reference.street.find_through`."""
+    boxes = np.empty((len(bounds) - 1, 4), np.int32)
+    measure_boxes(cells, bounds, len(bounds) - 1, columns, boxes)
     for i in range(len(order)):
         a, b = bounds[order[i]], bounds[order[i] + 1]
-        c0, r0, c1, r1 = columns, 1 << 30, 0, 0
-        for k in range(a, b):
-            row, column = cells[k] // columns, cells[k] % columns
-            c0, r0, c1, r1 = min(c0, column), min(r0, row), max(c1, column + 1), max(r1, row + 1)
+        c0, r0, c1, r1 = boxes[order[i]]
         wide, tall = c1 - c0, r1 - r0
         through[i] = False
+        # Only where nearer boxes reach over most of its columns.
+        over = np.zeros(wide, np.bool_)
+        for j in range(i):
+            e0, s0, e1, s1 = boxes[order[j]]
+            if s0 < r1 and s1 > r0:
+                over[max(0, e0 - LATTICE - c0) : max(0, e1 + LATTICE - c0)] = True
+        if np.count_nonzero(over) < SPREAD * wide:
+            continue
         # First and last cell of each row and column.
         left, right = np.full(tall, wide), np.full(tall, -1)
         top, bottom = np.full(wide, tall), np.full(wide, -1)
@@ -542,6 +549,9 @@ def find_through(cells: Ints, bounds: Ints, order: NDArray[np.int64], columns: i
             top[column], bottom[column] = min(top[column], row), max(bottom[column], row)
         crossed = np.zeros(wide, np.bool_)
         for j in range(i):
+            e0, s0, e1, s1 = boxes[order[j]]
+            if s0 >= r1 or s1 <= r0 or e0 >= c1 or e1 <= c0:
+                continue
             for k in range(bounds[order[j]], bounds[order[j] + 1]):
                 row, column = cells[k] // columns - r0, cells[k] % columns - c0
                 if (

@@ -21,7 +21,7 @@ BIN_POINTS = 200
 JUDGES = 300
 """A drawn plane is judged by every so many of the points that no more than this are; a fitted one by all."""
 
-POLISHED = 10
+POLISHED = 6
 """The best drawn planes that are fitted before the winner is chosen."""
 
 POLISHES = 3

@@ -29,6 +29,8 @@ class CellSettings(BaseModel):
     texture: int = Field(4, ge=0, le=255, description="Where this (4 = a grey level) is not reached, nothing is seen.")
     quiet: int = Field(5, ge=0, le=255, description="Images whose noise has more texture than this need ...")
     noise_margin: int = Field(8, ge=0, le=255, description="... so much more margin for each level above it.")
+    dark: int = Field(60, ge=0, le=255, description="In images of a mean grey below this (nights) ...")
+    noise_least_px: float = Field(3.3, ge=0, description="... less disparity than this for each level tells nothing.")
     speckle_px2: int = Field(200, ge=0, description="Islands of less area, in full-resolution px, are dropped.")
     speckle_step_px: float = Field(4.0, ge=0, description="A larger step of disparity ends an island.")
     smooth_step_px: float = Field(
@@ -102,6 +104,8 @@ class CellMatcher:
         noise = min(max(0, kernels.measure_noise(self._texture) - settings.quiet), NOISIEST)
         sure = min(settings.margin + settings.noise_margin * noise, TOP)
         kernels.drop_weak(self._texture, self._margin, settings.texture, sure, self._blocks, self._d_px)
+        if noise > 0 and left[::8, ::8].mean() < settings.dark:
+            self._d_px[self._d_px < settings.noise_least_px * noise] = np.nan
         kernels.drop_repeated(self._costs, self._texture, cell_columns, self._marks, self._d_px)
         smallest = -(-settings.speckle_px2 // (settings.cell_width_px * 4))
         kernels.drop_speckles(self._d_px, settings.speckle_step_px, smallest, self._labels)

@@ -346,7 +346,7 @@ class Tracker:
             return ~merged
         b.missed[missing] += 1
         uvd, _ = self.optics.see(b.x[:, :3])
-        inside = (uvd[:, 0] >= 0) & (uvd[:, 0] < self.optics.rectification.size_px[0])  # not so for NaN
+        inside = ((uvd[:, :2] >= 0) & (uvd[:, :2] < self.optics.rectification.size_px)).all(1)  # not so for NaN
         limit_s = np.where(merged, s.hidden_s, s.forget_s)
         for row in np.flatnonzero(missing & inside & ~merged & (b.id > 0)).tolist():
             off_m, sigma_m = self._free_behind(row, uvd[row], free_space)
