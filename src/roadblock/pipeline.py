@@ -100,7 +100,7 @@ class Pipeline:
                 obstacles = weigh_motion(obstacles, self.settings.recognize.least_probability)
             if self.settings.decide.enabled:
                 with _timed(timings_ms, "decide"):
-                    decision = self._decider.decide(obstacles, free_space, ego, pair.t_ns)
+                    decision = self._decider.decide(obstacles, free_space, ego, pair.t_ns, found.ground)
         timings_ms["total"] = sum(timings_ms.values())
         result = FrameResult(
             pair.index,

@@ -14,13 +14,13 @@ from roadblock.sim.car import Body, CarState, Obstruction, can_go_on, clearance_
 from roadblock.sim.challenges import CHALLENGES, SPEED_MPS, Challenge
 from roadblock.sim.observed import Noise, measured_step, observe
 from roadblock.sim.render import render
-from roadblock.stages.decide import Decider
+from roadblock.stages.decide import Decider, DecideSettings
 from roadblock.stages.rectify import plan_rectification
 from roadblock.stages.track import Tracker
 from roadblock.values.camera import Camera, StereoRig
 from roadblock.values.decision import Decision
 from roadblock.values.frame import RectifiedPair
-from roadblock.values.scene import FrameResult
+from roadblock.values.scene import FrameResult, GroundPlane
 
 FRAME_S, STEP_S = 0.1, 0.05
 FIRST_NS = 1_000_000_000
@@ -37,6 +37,8 @@ LONGEST_S = 14.0
 FREE_S, FREE_M = 4.0, 0.3
 """The road was free if the car, going on as it did, would have come so near to nothing for so long."""
 PAST_M = 4.0
+
+ROAD = GroundPlane(np.array([0.0, -1.0, 0.0]), 1.4)
 
 Look = Callable[[Challenge, float, CarState], tuple[Decision, FrameResult | None, RectifiedPair | None]]
 Film = Callable[[FrameResult, RectifiedPair], None]
@@ -68,7 +70,7 @@ class Log:
 
 def rendered(rig: StereoRig, seed: int, quality: str) -> Look:
     """Return eyes that take pictures with both cameras and run the whole pipeline on them."""
-    pipeline = Pipeline(rig, Settings())
+    pipeline = Pipeline(rig, Settings(decide=DecideSettings(enabled=True)))
 
     def look(challenge: Challenge, t_s: float, car: CarState) -> tuple[Decision, FrameResult, RectifiedPair]:
         scene = replace(challenge.scene, things=challenge.things_at(t_s), T_world_car=car.T_world_car)
@@ -95,7 +97,7 @@ def guessed(rig: StereoRig, seed: int, noise: Noise) -> Look:
         ego = measured_step(before[-1][0], car, before[-1][1], t_ns, rng, noise) if before else None
         before.append((car, t_ns))
         obstacles = tracker.update(seen.obstacles, t_ns, ego, seen.free_space)
-        return decider.decide(obstacles, seen.free_space, ego, t_ns), None, None
+        return decider.decide(obstacles, seen.free_space, ego, t_ns, ROAD), None, None
 
     return look
 

@@ -2,52 +2,60 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.geometry.pose import inverse, rotvec_from_rotation
+from roadblock.stages.decide.contact import Contact, find_contact
 from roadblock.stages.decide.hazards import Hazards, Layout
+from roadblock.stages.decide.memory import CELL_M, Memory, OwnMotion, turned
 from roadblock.stages.decide.settings import DecideSettings
-from roadblock.stages.decide.swerve import Ways, clear_of, clear_of_moving, drivable, ways
+from roadblock.stages.decide.swerve import (
+    Ways,
+    clear_of,
+    clear_of_moving,
+    drivable,
+    steering,
+    straight_on,
+    ways_aside,
+)
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.decision import Decision
 from roadblock.values.motion import EgoMotion
-from roadblock.values.scene import FreeSpace, Obstacle
+from roadblock.values.scene import FreeSpace, GroundPlane, Obstacle
 
-CLOSING_MPS = 0.3
-"""What comes closer no faster never arrives."""
-STANDS_MPS = 0.3
 KNOWN_S = 1.0
 """So long the car's own motion is taken to go on."""
-KERB_MARGIN_M = 0.1
-BESIDE_M, BEHIND_M = 4.0, 3.0
-"""Road must be seen free so far behind what is passed; nearer than the first, at the sides, no camera sees it."""
-LOOK_S, LEAST_LOOK_M = 0.4, 2.5
-"""Steering aims at a point so far ahead on the way."""
-AHEAD_S = 4.0
-"""What is further off does not count."""
 FORGET_S = 1.5
-
-
-class Own(NamedTuple):
-    """The car's own motion: speed ahead, how fast it turns to the left, and its step since the frame before."""
-
-    speed_mps: float
-    yaw_rate_radps: float
-    step_m: FloatArray
-    turn_rad: float
-
-
-class Contact(NamedTuple):
-    """What the car runs into if it goes on: after how long, its sigma, how hard it must brake, and the hazard's index."""
-
-    ttc_s: float
-    sigma_s: float
-    needed_mps2: float
-    index: int
+"""After a longer gap without frames all starts anew."""
+SPREAD_M = 0.6
+"""Ends of columns that are off by more are not remembered."""
+FREE_SIGMAS, FREE_M = 2.0, 0.3
+"""Road seen so far behind a cell contradicts it."""
+FOOT_M = 1.0
+"""The road must be in view this much before a cell to contradict it."""
+LOST_S, LOST_M = 1.5, 8.0
+"""What moved and went out of view so near is taken to go on so long."""
+KERB_M = 0.15
+"""Room to a kerb or a verge."""
+BEHIND_M = 3.0
+"""Road must be seen free so far behind what is passed."""
+SEEN_FROM_M = 4.0
+"""Nearer, at the sides, no camera sees it."""
+CROSSING_MPS = 0.6
+"""What goes across the road so fast, or along it faster than `PASSED_MPS`, is not driven round."""
+PASSED_MPS = 2.0
+CREEP_MPS = 2.0
+"""How fast a car that has stopped would go on."""
+BLOCKED = 2
+"""So many frames in a row must find a way blocked."""
+SLOWER_MPS2 = 2.5
+"""How a car slows down that finds its way round blocked further on."""
+SAME_M = 1.0
+"""What is remembered so near to a track belongs to it."""
+STRAIGHT_RADPS = 0.12
+"""A road that turns the car faster bends too much to plan a way aside."""
 
 
 class Decider:
@@ -74,29 +82,39 @@ class Decider:
         self._restart(0)
 
     def _restart(self, t_ns: int) -> None:
-        self._t_ns, self._own, self._own_t_ns = t_ns, Own(0.0, 0.0, np.zeros(2), 0.0), -(10**18)
-        self._recent: list[bool] = []
+        self._t_ns, self._own = t_ns, OwnMotion()
+        self._stood, self._kerbs, self._height_m = Memory(), Memory(), math.nan
+        self._movers: dict[int, tuple[Hazards, int]] = {}
         self._last = Decision("none", "nothing was seen yet")
-        self._until_ns = 0
+        self._recent: list[bool] = []
+        self._brakes, self._until_ns = False, 0
         self._way: Ways | None = None
-        self._pose = np.zeros(3)  # along, left, heading on the frame of the way
-        self._aside_m, self._blocked = 0.0, 0
+        self._begun_m, self._line_m = np.zeros(2), 0.0  # where the way begins, and the driver's line, left of 0
+        self._blocked = 0
+        self._commands: list[tuple[int, float]] = []  # how it was steered, and when: not all of it has come into force
 
     def decide(
-        self, obstacles: Sequence[Obstacle], free_space: FreeSpace, ego: EgoMotion | None, t_ns: int
+        self,
+        obstacles: Sequence[Obstacle],
+        free_space: FreeSpace,
+        ego: EgoMotion | None,
+        t_ns: int,
+        ground: GroundPlane | None = None,
     ) -> Decision:
         """Decide what to do in the next frame.
 
         Parameters
         ----------
         obstacles
-            With tracks; what has none is not acted upon yet.
+            With tracks; what has none counts only as far as it ends free space.
         free_space
             Of the same frame. What it does not know is never driven into.
         ego
             How the car moved since the frame before; None or unknown: as it did before, for a second.
         t_ns
             When. A frame of the same moment or of an earlier one changes nothing.
+        ground
+            The road; without one, what goes out of view below is not told from what is gone.
         """
         dt_s = (t_ns - self._t_ns) / 1e9
         if abs(dt_s) > FORGET_S:
@@ -104,31 +122,17 @@ class Decider:
         elif dt_s <= 0:
             return self._last
         self._t_ns = t_ns
-        self._move(ego, dt_s, t_ns)
-        if (t_ns - self._own_t_ns) / 1e9 > KNOWN_S:
+        self._own.move(self._layout.R, ego, min(dt_s, FORGET_S), t_ns)
+        if self._way is None and not self._brakes:
+            self._own.learn_road()
+        if (t_ns - self._own.known_t_ns) / 1e9 > KNOWN_S:
             self._last = self._blind(obstacles)
         else:
-            self._last = self._choose(self._layout.hazards(obstacles, free_space), free_space, t_ns)
+            if ground is not None:
+                self._height_m = ground.height_m
+            hazards = self._seen(obstacles, free_space)
+            self._last = self._choose(hazards, free_space)
         return self._last
-
-    def _move(self, ego: EgoMotion | None, dt_s: float, t_ns: int) -> None:
-        """Take the car's own step in."""
-        R = self._layout.R
-        if ego is not None and ego.T_now_before is not None:
-            T = inverse(ego.T_now_before)
-            seconds = (ego.t_ns - ego.before_t_ns) / 1e9
-            step, turn = (R @ T[:3, 3])[:2], float((R @ rotvec_from_rotation(T[:3, :3]))[2])
-            self._own = Own(float(step[0]) / seconds, turn / seconds, step, turn)
-            self._own_t_ns = t_ns
-        else:
-            own = self._own
-            self._own = own._replace(
-                step_m=np.array([own.speed_mps * dt_s, 0.0]), turn_rad=own.yaw_rate_radps * dt_s
-            )
-        if self._way is not None:
-            heading = self._pose[2]
-            self._pose[:2] += _turned(self._own.step_m[None], heading)[0]
-            self._pose[2] += self._own.turn_rad
 
     def _blind(self, obstacles: Sequence[Obstacle]) -> Decision:
         """Warn by relative velocities alone while the car's own motion is unknown."""
@@ -144,193 +148,188 @@ class Decider:
         if not near:
             return Decision("none", "the car's own motion is unknown, and nothing comes close")
         ttc_s, sigma_s, number = min(near)
-        return Decision(
-            "warn",
-            f"contact in {ttc_s:.1f} s, and the car's own motion is unknown",
-            ttc_s,
-            sigma_s,
-            obstacle_id=number,
-        )
+        told = f"contact in {ttc_s:.1f} s, and the car's own motion is unknown"
+        return Decision("warn", told, ttc_s, sigma_s, obstacle_id=number)
 
-    def contact(self, hazards: Hazards) -> Contact | None:
-        """Return what the car touches first if it goes on as it does, within `AHEAD_S`; None if nothing."""
-        s, own = self.settings, self._own
-        if not len(hazards.at_m):
-            return None
-        gap_m = hazards.at_m[:, 0] - s.front_m
-        closing = own.speed_mps - hazards.velocity_mps[:, 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ttc = np.where((closing > CLOSING_MPS) & (gap_m > -s.front_m), np.maximum(gap_m, 0) / closing, np.inf)
-            passed = ttc + np.where(hazards.moves, (s.front_m + s.rear_m) / closing, 0.0)
-        bend = own.yaw_rate_radps / max(own.speed_mps, 1.0) / 2
-        swept = bend * np.minimum(hazards.at_m[:, 0], AHEAD_S * own.speed_mps) ** 2
-        start, speed = hazards.at_m[:, 1] - swept, hazards.velocity_mps[:, 1]
+    def _seen(self, obstacles: Sequence[Obstacle], free: FreeSpace) -> Hazards:
+        """Take a frame in, and return everything that stands or moves, in the axes of the vehicle."""
+        ends = self._layout.standing_ends(obstacles, free)
+        self._remember(self._stood, free, free.range_m, ends)
+        if free.edges is not None:
+            edge = free.edges.range_m
+            reach = np.where(np.isfinite(edge), edge, free.range_m)
+            self._remember(self._kerbs, free, reach, np.isfinite(edge))
+        faces = self._layout.faces(obstacles, free)
+        stood = Hazards.of(self._own.from_here(self._stood.at_m), sigma_m=CELL_M)
+        return Hazards.joined([stood, *faces, *self._lost(faces)])
+
+    def _remember(self, memory: Memory, free: FreeSpace, reach_m: FloatArray, ends: NDArray[np.bool_]) -> None:
+        layout, own = self._layout, self._own
+        ends = ends & (layout.sigma_m(np.nan_to_num(reach_m, nan=np.inf)) < SPREAD_M)
+        spread = np.linspace(-1, 1, 7)[:, None] * layout.sigma_m(reach_m[ends])
+        at_m = layout.points(np.tile(free.u_px[ends], 7), (reach_m[ends] + spread).ravel())
+        memory.add(own.remembered(at_m))
+        column, z = layout.columns(own.from_here(memory.all_m), free.u_px)
+        beyond = FREE_M + FREE_SIGMAS * layout.sigma_m(z)
+        r = layout.rectification
+        foot_m = self._height_m * r.f_px / (r.size_px[1] - r.cy_px) + FOOT_M  # NaN: never
         with np.errstate(invalid="ignore"):
-            y0, y1 = start + speed * ttc, start + speed * np.minimum(passed, AHEAD_S)
-        room = s.width_m / 2 + s.margin_m
-        hit = (ttc < AHEAD_S) & (np.minimum(y0, y1) < room) & (np.maximum(y0, y1) > -room)
-        if not hit.any():
-            return None
-        at = np.flatnonzero(hit)
-        left_m = gap_m[at] - s.stop_m - closing[at] * s.delay_s
-        needed = np.where(left_m > 0, closing[at] ** 2 / (2 * np.maximum(left_m, 1e-6)), np.inf)
-        first = at[np.argmin(ttc[at])]
-        sigma = math.hypot(hazards.sigma_m[first], ttc[first] * hazards.sigma_mps[first]) / closing[first]
-        return Contact(float(ttc[first]), float(sigma), float(needed.max()), int(first))
+            is_free = (column >= 0) & (z > foot_m) & (z + beyond < reach_m[np.maximum(column, 0)])
+        memory.doubt(is_free)
+        memory.forget(own)
 
-    def _choose(self, hazards: Hazards, free: FreeSpace, t_ns: int) -> Decision:
+    def _lost(self, faces: Sequence[Hazards]) -> list[Hazards]:
+        """Return what moved, was near and is out of view, moved on; and keep what moves now."""
+        own, now = self._own, {int(face.number[0]) for face in faces}
+        gone = []
+        for number, (face, t_ns) in list(self._movers.items()):
+            late_s = (self._t_ns - t_ns) / 1e9
+            if number in now or late_s > LOST_S:
+                del self._movers[number]
+            else:
+                at_m = own.from_here(face.at_m + face.velocity_mps * late_s)
+                gone.append(face._replace(at_m=at_m, velocity_mps=turned(face.velocity_mps, -own.heading_rad)))
+        for face in faces:
+            if face.moves[0] and face.is_sure[0] and face.at_m[:, 0].min() < LOST_M:
+                velocity = turned(face.velocity_mps, own.heading_rad)
+                kept = face._replace(at_m=own.remembered(face.at_m), velocity_mps=velocity)
+                self._movers[int(face.number[0])] = (kept, self._t_ns)
+        return gone
+
+    def _choose(self, hazards: Hazards, free: FreeSpace) -> Decision:
         if self._way is not None:
-            going_on = self._follow(hazards, free)
-            if going_on is not None:
-                return going_on
-        found = self.contact(hazards)
-        self._recent = [*self._recent[-self.settings.confirm :], found is not None]
-        sure = sum(self._recent) >= self.settings.confirm
+            return self._follow(hazards, free)
+        own, s = self._own, self.settings
+        way = straight_on(own.yaw_rate_radps / max(own.speed_mps, 3.0) / 2)
+        found = find_contact(way, hazards, own.speed_mps, s.margin_m, s)
+        if self._brakes and found is None:  # would it drive on, it would stop again
+            near = find_contact(way, hazards, max(own.speed_mps, CREEP_MPS), s.margin_m, s)
+            if near is not None and hazards.at_m[near.index, 0] < s.front_m + s.stop_m + 1:
+                found = near
+        self._recent = [*self._recent[-s.confirm :], found is not None and found.is_sure]
         if found is None:
-            if t_ns < self._until_ns:  # the road was not free a moment ago
+            if self._t_ns < self._until_ns:
                 return Decision("brake", "the road is free again, but only just", deceleration_mps2=0.5)
-            return self._standing(hazards) or Decision("none", "the way ahead is free")
-        return self._against(found, hazards, free, t_ns, sure)
+            self._brakes = False
+            return Decision("none", "the way ahead is free")
+        return self._against(found, hazards, free)
 
-    def _standing(self, hazards: Hazards) -> Decision | None:
-        """Stay where the car stands before something."""
-        s = self.settings
-        if self._own.speed_mps > STANDS_MPS or not len(hazards.at_m):
-            return None
-        aside = np.abs(hazards.at_m[:, 1]) < s.width_m / 2 + s.margin_m
-        gap_m = np.where(aside, hazards.at_m[:, 0] - s.front_m, np.inf)
-        index = int(np.argmin(gap_m))
-        if gap_m[index] > 2 * s.stop_m or hazards.velocity_mps[index, 0] > STANDS_MPS:
-            return None
-        return Decision(
-            "brake",
-            f"standing {gap_m[index]:.1f} m before {_name(hazards, index)}",
-            deceleration_mps2=1.0,
-            obstacle_id=_number(hazards, index),
+    def _against(self, found: Contact, hazards: Hazards, free: FreeSpace) -> Decision:
+        """Return what to do about what is in the way."""
+        s, t_ns = self.settings, self._t_ns
+        told, number = _told(found, hazards)
+        confirmed = found.is_sure and sum(self._recent) >= s.confirm
+        urgent = found.needed_mps2 >= s.brake_share * s.brake_mps2
+        if confirmed and (found.ttc_s < s.swerve_s or self._brakes) and self._can_pass(hazards, found.index):
+            way = self._way_round(self._in_road(hazards), free, hazards.at_m[found.index, 0] + BEHIND_M)
+            if way is not None:
+                self._begin(way)
+                return self._steered(way, float(way.deceleration_mps2[0]), f"{told}; {_side(way)} is free", found, number)
+        if self._brakes or (confirmed and urgent):
+            self._brakes, self._until_ns = True, t_ns + round(1e9 * s.hold_s)
+            hard = min(s.brake_mps2, max(found.needed_mps2, 0.5))
+            reason = f"{told}; no way round is free" if self._own.speed_mps > CREEP_MPS else f"{told}; standing before it"
+            return Decision("brake", reason, found.ttc_s, found.sigma_s, hard, obstacle_id=number)
+        if found.ttc_s < s.warn_s or urgent:
+            doubt = "" if confirmed else "; not sure enough to act"
+            return Decision("warn", told + doubt, found.ttc_s, found.sigma_s, obstacle_id=number)
+        return Decision("none", told, found.ttc_s, found.sigma_s, obstacle_id=number)
+
+    def _can_pass(self, hazards: Hazards, index: int) -> bool:
+        """Return whether what is in the way can be driven round: it stands or walks along, and the road is straight."""
+        ahead, aside = np.abs(hazards.velocity_mps[index])
+        slow = bool(ahead < PASSED_MPS and aside < CROSSING_MPS)
+        return slow and abs(self._own.yaw_rate_radps) < STRAIGHT_RADPS
+
+    def _in_road(self, hazards: Hazards) -> Hazards:
+        """Return hazards in the axes of the road."""
+        askew = self._own.askew_rad
+        return hazards._replace(
+            at_m=turned(hazards.at_m, askew), velocity_mps=turned(hazards.velocity_mps, askew)
         )
 
-    def _against(self, found: Contact, hazards: Hazards, free: FreeSpace, t_ns: int, sure: bool) -> Decision:
-        """Return what to do about what is in the way."""
-        s, index = self.settings, found.index
-        told = f"{_name(hazards, index)} {hazards.at_m[index, 0]:.1f} m ahead, contact in {found.ttc_s:.1f} s"
-        common = (found.ttc_s, found.sigma_s)
-        number = _number(hazards, index)
-        urgent = found.needed_mps2 >= s.brake_share * s.brake_mps2
-        if sure and not hazards.moves[index] and found.ttc_s < s.swerve_s:
-            way = self._way_round(hazards, free, hazards.at_m[index, 0] + BEHIND_M)
-            if way is not None:
-                self._way, self._pose, self._blocked = way, np.zeros(3), 0
-                return self._steered(f"{told}; {_side(way)} is free", *common, number)
-        if sure and urgent:
-            self._until_ns = t_ns + round(1e9 * s.hold_s)
-            hard = min(s.brake_mps2, max(1.15 * found.needed_mps2, 1.0))
-            return Decision("brake", f"{told}; no way round is free, {hard:.1f} m/s2 needed", *common, hard, 0, 0, number)
-        if t_ns < self._until_ns:
-            hard = min(s.brake_mps2, found.needed_mps2)
-            return Decision("brake", f"{told}; braking goes on", *common, hard, 0, 0, number)
-        if found.ttc_s < s.warn_s or urgent:
-            doubt = "" if sure else "; seen too few times to act"
-            return Decision("warn", told + doubt, *common, obstacle_id=number)
-        return Decision("none", told, *common, obstacle_id=number)
+    def _begin(self, way: Ways) -> None:
+        here = turned(self._own.at_m[None], -self._own.road_rad)[0]
+        if self._way is None:
+            self._line_m = here[1]
+        self._way, self._begun_m, self._blocked, self._brakes = way, here, 0, False
 
     def _way_round(self, hazards: Hazards, free: FreeSpace, until_m: float) -> Ways | None:
-        """Return the least way aside that is drivable, free of everything, and seen to be road; None if there is none."""
-        heading = self._pose[2] if self._way is not None else 0.0
-        s = self.settings
-        candidates = ways(math.tan(heading), self._aside_m, s)
-        good = drivable(candidates, self._own.speed_mps, s)
-        good[good] = self._is_free(Ways(*(part[good] for part in candidates)), hazards, free, heading, until_m)
-        return candidates.only(int(np.argmax(good))) if good.any() else None
+        """Return the way aside nearest to the one it is on that is drivable, free and seen to be road; None without one."""
+        s, own = self.settings, self._own
+        here = turned(own.at_m[None], -own.road_rad)[0]
+        aside_m = here[1] - self._line_m if self._way is not None else 0.0
+        ways = ways_aside(math.tan(own.askew_rad), aside_m, s)
+        ways = ways.where(drivable(ways, own.speed_mps, s))
+        ways = ways.where(self._is_clear(ways, hazards, until_m, s.margin_m))
+        ways = ways.where(self._is_seen(ways, free, until_m))
+        if not len(ways.length_m):
+            return None
+        wanted_m = 0.0 if self._way is None else self._begun_m[1] + float(self._way.offset_m[0]) - here[1]
+        return ways.only(int(np.argmin(np.abs(ways.offset_m - wanted_m))))
 
-    def _is_free(
-        self, some: Ways, hazards: Hazards, free: FreeSpace, heading: float, until_m: float
-    ) -> NDArray[np.bool_]:
-        """Return which ways (m,) from the car are free of what stands, moves or was not seen up to `until_m`."""
-        s = self.settings
-        lane = hazards._replace(
-            at_m=_turned(hazards.at_m, heading), velocity_mps=_turned(hazards.velocity_mps, heading)
-        )
-        moves = lane.moves
-        good = clear_of(some, lane.at_m[~moves], s.margin_m, s)
-        good &= clear_of(some, _turned(self._layout.kerbs(free), heading), KERB_MARGIN_M, s)
-        if moves.any():
-            moving = Hazards(*(part[moves] for part in lane))
-            good &= clear_of_moving(some, moving, self._own.speed_mps, s.margin_m, s)
-        if good.any():
-            kept = Ways(*(part[good] for part in some))
-            good[good] = self._is_seen(kept, free, heading, until_m)
+    def _is_clear(self, ways: Ways, hazards: Hazards, until_m: float, margin_m: float) -> NDArray[np.bool_]:
+        s, own, moves = self.settings, self._own, hazards.moves
+        good = clear_of(ways, hazards.at_m[~moves], until_m, margin_m, s)
+        kerbs = turned(own.from_here(self._kerbs.at_m), own.askew_rad)
+        good &= clear_of(ways, kerbs, until_m, KERB_M, s)
+        if moves.any() and good.any():
+            good &= clear_of_moving(ways, hazards.where(moves), until_m, own.speed_mps, s)
         return good
 
-    def _is_seen(self, some: Ways, free: FreeSpace, heading: float, until_m: float) -> NDArray[np.bool_]:
-        at = np.arange(BESIDE_M, max(until_m, BESIDE_M + 1.0), 1.0)
-        y, _, _ = some.at(np.broadcast_to(at, (len(some.length_m), len(at))))
+    def _is_seen(self, ways: Ways, free: FreeSpace, until_m: float) -> NDArray[np.bool_]:
+        """Return which ways (m,) lead over road that is seen to be free."""
+        at = np.arange(SEEN_FROM_M, max(until_m, SEEN_FROM_M + 1.0), 1.0)
+        y, _, _ = ways.at(np.broadcast_to(at, (len(ways.length_m), len(at))))
         room = self.settings.width_m / 2
         sides = y[..., None] + np.array([-room, 0.0, room])
         points = np.stack([np.broadcast_to(at[None, :, None], sides.shape), sides], -1)
-        seen = self._layout.is_seen_free(_turned(points.reshape(-1, 2), -heading), free).reshape(len(y), -1)
-        return np.asarray(seen.all(1))
+        seen = self._layout.is_seen_free(turned(points.reshape(-1, 2), -self._own.askew_rad), free)
+        return np.asarray(seen.reshape(sides.shape).all((1, 2)))
 
-    def _follow(self, hazards: Hazards, free: FreeSpace) -> Decision | None:
-        """Return how the swerve goes on; None when it is over, or something came into its way."""
+    def _follow(self, hazards: Hazards, free: FreeSpace) -> Decision:
+        """Return how the swerve goes on."""
         assert self._way is not None  # noqa: S101
-        along, left, heading = self._pose
+        s, own = self.settings, self._own
+        along, left = turned(own.at_m[None], -own.road_rad)[0] - self._begun_m
         if along >= self._way.length_m[0]:
-            self._aside_m, self._way = 0.0, None
-            return None
-        rest = _shifted(self._way, along, left)
-        is_free = bool(self._is_free(rest, hazards, free, heading, BESIDE_M)[0])
-        self._blocked = 0 if is_free else self._blocked + 1
-        if self._blocked >= 2:
-            before, self._aside_m = self._aside_m, self._aside_m + left
-            other = self._way_round(hazards, free, BESIDE_M)
-            if other is None:
-                self._aside_m = before
-                return Decision(
-                    "brake",
-                    "something came into the way round; braking on it",
-                    deceleration_mps2=self.settings.brake_mps2,
-                    curvature_per_m=self._steering(),
-                    offset_m=float(self._way.offset_m[0]),
-                )
-            self._way, self._blocked = other, 0
-            self._pose = np.array([0.0, 0.0, heading])
-        last = self._last
-        return self._steered(f"on the way round; {_side(self._way)} is free", math.nan, math.nan, last.obstacle_id)
+            self._way, self._recent = None, []
+            return self._choose(hazards, free)
+        rest, in_road = self._way.from_point(along, left), self._in_road(hazards)
+        found = find_contact(rest, in_road, max(own.speed_mps, CREEP_MPS), s.margin_m / 2, s)
+        blocked = found is not None and found.is_sure and found.ttc_s < s.swerve_s
+        self._blocked = self._blocked + 1 if blocked else 0
+        if found is None or self._blocked < BLOCKED:
+            number = self._last.obstacle_id
+            return self._steered(rest, float(rest.deceleration_mps2[0]), f"on the way round; {_side(rest)} is free", None, number)
+        told, number = _told(found, in_road)
+        other = self._way_round(in_road, free, in_road.at_m[found.index, 0] + BEHIND_M)
+        if other is not None:
+            self._begin(other)
+            slower = float(other.deceleration_mps2[0])
+            return self._steered(other, slower, f"on the way round: {told}; {_side(other)} is free", found, number)
+        if found.needed_mps2 < s.brake_share * s.brake_mps2:
+            return self._steered(rest, SLOWER_MPS2, f"on the way round: {told}; slowing down", found, number)
+        hard = min(s.brake_mps2, found.needed_mps2)
+        return self._steered(rest, hard, f"on the way round: {told}; braking on it", found, number, "brake")
 
-    def _steered(self, reason: str, ttc_s: float, sigma_s: float, number: int | None) -> Decision:
-        assert self._way is not None  # noqa: S101
-        hard, offset = float(self._way.deceleration_mps2[0]), float(self._way.offset_m[0])
-        return Decision("swerve", reason, ttc_s, sigma_s, hard, self._steering(), offset, number)
-
-    def _steering(self) -> float:
-        """Return the curvature, 1/m, that leads back to the way from where the car will be when steering acts."""
-        assert self._way is not None  # noqa: S101
-        s, v = self.settings, max(self._own.speed_mps, 1.0)
-        along, left, heading = self._pose
-        later = heading + v * s.delay_s * self._last.curvature_per_m
-        middle = (heading + later) / 2
-        along, left = along + v * s.delay_s * math.cos(middle), left + v * s.delay_s * math.sin(middle)
-        ahead = max(LEAST_LOOK_M, LOOK_S * v)
-        y, _, _ = self._way.at(np.array([[along + ahead]]))
-        target = _turned(np.array([[ahead, float(y[0, 0]) - left]]), -later)[0]
-        curvature = 2 * target[1] / float(target @ target)
-        limit = min(1 / s.turn_m, s.lateral_mps2 / v**2)
-        return float(np.clip(curvature, -limit, limit))
-
-
-def _shifted(way: Ways, along_m: float, left_m: float) -> Ways:
-    """Return the rest of a way, seen from a point beside it."""
-    c = np.poly1d(way.coefficients[0][::-1])
-    rest = c(np.poly1d([1.0, along_m])) - left_m
-    coefficients = np.zeros(6)
-    coefficients[: len(rest.coeffs)] = rest.coeffs[::-1]
-    return way._replace(coefficients=coefficients[None], length_m=way.length_m - along_m)
-
-
-def _turned(at_m: FloatArray, angle_rad: float) -> FloatArray:
-    """Return points or ways (n, 2) in axes that are turned to the right by an angle."""
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    return np.asarray(at_m @ np.array([[c, s], [-s, c]]))
+    def _steered(
+        self,
+        rest: Ways,
+        slower_mps2: float,
+        reason: str,
+        found: Contact | None,
+        number: int | None,
+        action: str = "swerve",
+    ) -> Decision:
+        own = self._own
+        delay_ns = round(1e9 * self.settings.delay_s)
+        self._commands = [(t_ns, c) for t_ns, c in self._commands if self._t_ns - t_ns <= delay_ns]
+        pending = float(np.mean([c for _, c in self._commands])) if self._commands else 0.0
+        curvature = steering(rest, math.tan(own.askew_rad), own.speed_mps, pending, self.settings)
+        self._commands.append((self._t_ns, curvature))
+        ttc = (math.nan, math.nan) if found is None else (found.ttc_s, found.sigma_s)
+        return Decision(action, reason, *ttc, slower_mps2, curvature, float(rest.offset_m[0]), number)
 
 
 def _side(way: Ways) -> str:
@@ -338,11 +337,13 @@ def _side(way: Ways) -> str:
     return f"{abs(offset):.1f} m to the {'left' if offset > 0 else 'right'}"
 
 
-def _number(hazards: Hazards, index: int) -> int | None:
-    return int(hazards.number[index]) or None
-
-
-def _name(hazards: Hazards, index: int) -> str:
-    number, moves = _number(hazards, index), hazards.moves[index]
-    what = "something" if number is None else f"obstacle {number}"
-    return f"{what} that moves" if moves else what
+def _told(found: Contact, hazards: Hazards) -> tuple[str, int | None]:
+    """Return in words what is in the way, and the number of its track, if it has one."""
+    at_m, numbers = hazards.at_m, hazards.number
+    number = int(numbers[found.index])
+    near = (numbers > 0) & (np.hypot(*(at_m - at_m[found.index]).T) < SAME_M)
+    if not number and near.any():
+        number = int(numbers[near][0])
+    what = f"obstacle {number}" if number else "something"
+    moves = ", which moves," if hazards.moves[found.index] else ""
+    return f"{what}{moves} {at_m[found.index, 0]:.1f} m ahead, contact in {found.ttc_s:.1f} s", number or None

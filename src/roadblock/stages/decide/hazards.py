@@ -1,7 +1,7 @@
 """What a car could run into, as points on the road with velocities; and which of the road was seen to be free."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +22,19 @@ NEIGHBOUR_SHARE = 0.1
 SLOW_MPS = 0.5
 """What is no faster stands."""
 LONGEST_COAST_S = 0.3
+SETTLED_S = 0.5
+"""A younger track's velocity is not known, whatever it says."""
+BORDER_PX = 4
+"""What is cut off by the picture's border has no velocity: its end goes along with the car."""
+COLUMN_SIGMA_PX = 0.25
+"""Noise of the disparity at which a column ends."""
 
 
 class Hazards(NamedTuple):
     """Points (n) in the axes of the vehicle, seen from the cameras.
 
     `at_m` (n, 2) forward and left; `velocity_mps` (n, 2) over ground; `sigma_m` of the distance, `sigma_mps` of the
-    velocity; `number` of the track, 0 = none.
+    velocity; `number` of the track, 0 = none; `is_sure` whether it is known that it moves, or that it stands.
     """
 
     at_m: FloatArray
@@ -36,6 +42,33 @@ class Hazards(NamedTuple):
     sigma_m: FloatArray
     sigma_mps: FloatArray
     number: NDArray[np.int64]
+    is_sure: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls,
+        at_m: FloatArray,
+        velocity_mps: FloatArray = np.zeros(2),  # noqa: B008 - never written to
+        sigma_m: FloatArray | float = 0.2,
+        sigma_mps: float = 0.0,
+        number: int = 0,
+        *,
+        is_sure: bool = True,
+    ) -> Self:
+        """Return points (n, 2) that belong to one thing."""
+        n = len(at_m)
+        speeds = np.broadcast_to(velocity_mps, (n, 2))
+        sigmas = np.broadcast_to(np.asarray(sigma_m, float), n)
+        return cls(at_m, speeds, sigmas, np.full(n, sigma_mps), np.full(n, number), np.full(n, is_sure))
+
+    @classmethod
+    def joined(cls, parts: Sequence["Hazards"]) -> Self:
+        """Return the points of all, at least one."""
+        return cls(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+    def where(self, mask: NDArray[np.bool_]) -> "Hazards":
+        """Return some of the points."""
+        return Hazards(*(part[mask] for part in self))
 
     @property
     def moves(self) -> NDArray[np.bool_]:
@@ -57,76 +90,76 @@ class Layout:
         x = (u_px - r.cx_px) / r.f_px * range_m - r.baseline_m / 2
         return np.asarray(np.outer(x, self.R[:2, 0]) + np.outer(range_m, self.R[:2, 2]))
 
-    def columns(self, at_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return in which columns, and how far ahead, points (..., 2) on the road are; NaN behind the cameras."""
+    def columns(self, at_m: FloatArray, u_px: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+        """Return in which column of `u_px` points (n, 2) on the road are, -1 = in none, and how far ahead."""
         r = self.rectification
         x, z = at_m @ self.R[:2, 0], at_m @ self.R[:2, 2]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u = (x + r.baseline_m / 2) / z * r.f_px + r.cx_px
-        return np.where(z > 0, u, np.nan), z
+        u = (x + r.baseline_m / 2) / np.where(z > 0, z, np.nan) * r.f_px + r.cx_px
+        step = float(u_px[1] - u_px[0]) if len(u_px) > 1 else 1.0
+        column = np.rint((u - u_px[0]) / step) if len(u_px) else np.full(len(at_m), np.nan)
+        with np.errstate(invalid="ignore"):
+            inside = (column >= 0) & (column < len(u_px))
+        return np.where(inside, np.nan_to_num(column), -1).astype(np.intp), z
 
-    def hazards(self, obstacles: Sequence[Obstacle], free: FreeSpace) -> Hazards:
-        """Return all points: faces of compact obstacles that have a track, and what ends free space."""
-        tracked = [o for o in obstacles if o.track is not None and o.track.coasted_s <= LONGEST_COAST_S]
-        faces = [self._face(o) for o in tracked if o.size_m[0] <= COMPACT_M]
-        return Hazards(*(np.concatenate(part) for part in zip(*faces, self._ends(tracked, free), strict=True)))
+    def sigma_m(self, range_m: FloatArray) -> FloatArray:
+        """Return by how much a column's end is off."""
+        r = self.rectification
+        return np.asarray(range_m**2 / (r.f_px * r.baseline_m) * COLUMN_SIGMA_PX)
 
-    def _face(self, o: Obstacle) -> Hazards:
+    def faces(self, obstacles: Sequence[Obstacle], free: FreeSpace) -> list[Hazards]:
+        """Return the faces of all obstacles that have a track, one by one."""
+        return [self._face(o, free) for o in obstacles if o.track is not None and o.track.coasted_s <= LONGEST_COAST_S]
+
+    def _face(self, o: Obstacle, free: FreeSpace) -> Hazards:
         assert o.track is not None  # noqa: S101
-        half = o.size_m[0] / 2
-        aside = np.linspace(-half, half, max(2, int(np.ceil(2 * half / FACE_STEP_M)) + 1))
-        forward, left = o.position_m[:2] - self.origin_m
-        n = len(aside)
-        return Hazards(
-            np.stack([np.full(n, forward), left + aside], 1),
-            np.tile(velocity_mps(o), (n, 1)),
-            np.full(n, o.range_sigma_m),
-            np.full(n, o.track.velocity_sigma_mps.max()),
-            np.full(n, o.track.id),
-        )
+        mine = self._columns_of(o, free)
+        if o.size_m[0] > COMPACT_M and mine.any():
+            at_m = self.points(free.u_px[mine], free.range_m[mine])
+        else:
+            half = o.size_m[0] / 2
+            aside = np.linspace(-half, half, max(2, int(np.ceil(2 * half / FACE_STEP_M)) + 1))
+            forward, left = o.position_m[:2] - self.origin_m
+            at_m = np.stack([np.full(len(aside), forward), left + aside], 1)
+        velocity, is_sure = self._velocity_mps(o)
+        sigma_mps = float(o.track.velocity_sigma_mps.max())
+        return Hazards.of(at_m, velocity, o.range_sigma_m, sigma_mps, o.track.id, is_sure=is_sure)
 
-    def _ends(self, tracked: Sequence[Obstacle], free: FreeSpace) -> Hazards:
+    def _velocity_mps(self, o: Obstacle) -> tuple[FloatArray, bool]:
+        """Return (2,) velocity over ground, as far as it is known, and whether that is sure."""
+        assert o.track is not None  # noqa: S101
+        track, is_cut = o.track, o.box_px[0] < BORDER_PX or o.box_px[2] > self.rectification.size_px[0] - BORDER_PX
+        if track.motion == "standing" or is_cut or not track.is_over_ground:
+            return np.zeros(2), track.motion == "standing"
+        if track.motion == "moving" and track.age_s >= SETTLED_S:
+            return track.velocity_mps, True
+        known = np.abs(track.velocity_mps) > 2 * track.velocity_sigma_mps
+        return np.where(known, track.velocity_mps, 0.0), False
+
+    def _columns_of(self, o: Obstacle, free: FreeSpace) -> NDArray[np.bool_]:
+        u0, _, u1, _ = o.box_px
+        near_m = BESIDE_SHARE * o.range_m + np.nan_to_num(o.size_m[2])
+        with np.errstate(invalid="ignore"):
+            return np.asarray(
+                (free.u_px >= u0) & (free.u_px < u1) & (np.abs(free.range_m - o.range_m) <= near_m)
+            )
+
+    def standing_ends(self, obstacles: Sequence[Obstacle], free: FreeSpace) -> NDArray[np.bool_]:
+        """Return (n,) which columns end at something that does not move as far as is known, and not alone."""
         z = free.range_m
         blocked = np.isfinite(z) if free.is_blocked is None else free.is_blocked & np.isfinite(z)
         with np.errstate(invalid="ignore"):
             near = np.abs(np.diff(z)) <= NEIGHBOUR_SHARE * np.minimum(z[1:], z[:-1])
         near &= blocked[1:] & blocked[:-1]
-        at = np.flatnonzero(np.append(near, False) | np.insert(near, 0, False))
-        r = self.rectification
-        velocity, sigma_mps = np.zeros((len(at), 2)), np.zeros(len(at))
-        number = np.zeros(len(at), np.int64)
-        for o in tracked:
-            assert o.track is not None  # noqa: S101
-            u0, _, u1, _ = o.box_px
-            mine = (free.u_px[at] >= u0) & (free.u_px[at] < u1)
-            mine &= np.abs(z[at] - o.range_m) <= BESIDE_SHARE * o.range_m + np.nan_to_num(o.size_m[2])
-            velocity[mine], number[mine] = velocity_mps(o), o.track.id
-            sigma_mps[mine] = o.track.velocity_sigma_mps.max()
-        sigma_m = z[at] ** 2 / (r.f_px * r.baseline_m) * 0.5
-        return Hazards(self.points(free.u_px[at], z[at]), velocity, sigma_m, sigma_mps, number)
-
-    def kerbs(self, free: FreeSpace) -> FloatArray:
-        """Return (k, 2) where kerbs and verges are; none where they were not looked for."""
-        if free.edges is None:
-            return np.zeros((0, 2))
-        at = np.isfinite(free.edges.range_m)
-        return self.points(free.u_px[at], free.edges.range_m[at])
+        ends = np.append(near, False) | np.insert(near, 0, False)
+        for o in obstacles:
+            if o.track is not None and np.hypot(*self._velocity_mps(o)[0]) > SLOW_MPS:
+                ends &= ~self._columns_of(o, free)
+        return np.asarray(ends)
 
     def is_seen_free(self, at_m: FloatArray, free: FreeSpace) -> NDArray[np.bool_]:
-        """Return for points (..., 2) whether road was seen there, before anything that ends it."""
-        u, z = self.columns(at_m)
+        """Return for points (n, 2) whether road was seen there, before anything that ends it."""
+        column, z = self.columns(at_m, free.u_px)
+        if not len(free.u_px):
+            return np.zeros(len(at_m), bool)
         with np.errstate(invalid="ignore"):
-            step = float(free.u_px[1] - free.u_px[0]) if len(free.u_px) > 1 else 1.0
-            column = np.rint((u - free.u_px[0]) / step)
-            inside = (column >= 0) & (column < len(free.u_px))
-            reach = free.range_m[np.where(inside, column, 0).astype(int)]
-            return np.asarray(inside & (z <= reach))
-
-
-def velocity_mps(o: Obstacle) -> FloatArray:
-    """Return (2,) velocity over ground as far as it is known: what does not move for sure stands."""
-    assert o.track is not None  # noqa: S101
-    if o.track.motion == "standing" or not o.track.is_over_ground:
-        return np.zeros(2)
-    v, sigma = o.track.velocity_mps, o.track.velocity_sigma_mps
-    return np.asarray(v if o.track.motion == "moving" else np.where(np.abs(v) > 2 * sigma, v, 0.0))
+            return np.asarray((column >= 0) & (z <= free.range_m[column]))
