@@ -36,7 +36,8 @@ STANDS_MPS, STANDS_S = 0.1, 1.0
 LONGEST_S = 14.0
 FREE_S, FREE_M = 4.0, 0.3
 """The road was free if the car, going on as it did, would have come so near to nothing for so long."""
-PAST_M = 4.0
+NEAR_M = 1.0
+"""What is further away is not looked at closely."""
 
 ROAD = GroundPlane(np.array([0.0, -1.0, 0.0]), 1.4)
 
@@ -93,7 +94,9 @@ def guessed(rig: StereoRig, seed: int, noise: Noise) -> Look:
 
     def look(challenge: Challenge, t_s: float, car: CarState) -> tuple[Decision, None, None]:
         t_ns = FIRST_NS + round(1e9 * t_s)
-        seen = observe(challenge.things_at(t_s), car, twin, rng, noise)
+        things = tuple(replace(thing, gait=None) if thing.gait else thing for thing in challenge.scene.things)
+        plain = replace(challenge, scene=replace(challenge.scene, things=things))
+        seen = observe(plain.things_at(t_s), challenge.scene.road, car, twin, rng, noise)
         ego = measured_step(before[-1][0], car, before[-1][1], t_ns, rng, noise) if before else None
         before.append((car, t_ns))
         obstacles = tracker.update(seen.obstacles, t_ns, ego, seen.free_space)
@@ -120,7 +123,7 @@ def drive(scenario: str, seed: int, look: Look, film: Film | None = None) -> dic
     `speed_mps` (then), `hardest_mps2`, and `actions` (how many frames of each).
     """
     challenge, body = CHALLENGES[scenario](seed), Body()
-    still = [Obstruction(t) for t in challenge.scene.things if not t.velocity_mps.any()]
+    world = World(challenge)
     car = CarState(*challenge.start_m, 0.0, SPEED_MPS)
     waiting: deque[Decision] = deque([Decision("none", "begin")] * round(ACTUATOR_S / STEP_S))
     log, ended, step = Log([]), None, 0
@@ -131,13 +134,13 @@ def drive(scenario: str, seed: int, look: Look, film: Film | None = None) -> dic
             if film is not None and result is not None and pair is not None:
                 film(result, pair)
             if decision.action in ("brake", "swerve") and not set(log.actions[-5:]) & {"brake", "swerve"}:
-                log.false_reason = log.false_reason or _needless(challenge, still, t_s, car, body, decision)
+                log.false_reason = log.false_reason or _needless(world, t_s, car, body, decision)
             log.actions.append(decision.action)
         waiting.append(decision)
         car = _obeyed(car, waiting.popleft())
         step += 1
         log.stood_s = log.stood_s + STEP_S if car.speed_mps < STANDS_MPS else 0.0
-        ended = _ended(challenge, still, step * STEP_S, car, body, log)
+        ended = _ended(world, step * STEP_S, car, body, log)
     return {
         "scenario": scenario,
         "seed": seed,
@@ -163,30 +166,42 @@ def _obeyed(car: CarState, decision: Decision) -> CarState:
     return car.driven(gain, home, STEP_S)
 
 
-def _all_at(challenge: Challenge, still: list[Obstruction], t_s: float) -> list[Obstruction]:
-    return still + [Obstruction(t) for t in challenge.things_at(t_s) if t.id and _is_moving(challenge, t.id)]
+class World:
+    """A challenge as its judge sees it: what stands, and what moves."""
+
+    def __init__(self, challenge: Challenge) -> None:
+        self.challenge = challenge
+        things = [(Obstruction(thing), thing) for thing in challenge.scene.things]
+        self.still = [o for o, thing in things if not thing.velocity_mps.any()]
+        self.moving = [(o, thing) for o, thing in things if thing.velocity_mps.any()]
+
+    def about(self, t_s: float) -> list[Obstruction]:
+        """Return all things after so many seconds; of what walks or pedals, as it held its limbs in the beginning."""
+        return [*self.still, *(o.shifted(self.challenge.way_m(thing, t_s)) for o, thing in self.moving)]
+
+    def exact(self, t_s: float, car: CarState, body: Body) -> list[Obstruction]:
+        """Return all things after so many seconds, exactly as they are where that may matter."""
+        about = self.about(t_s)[len(self.still) :]
+        moving = [
+            Obstruction(self.challenge.thing_at(thing, t_s)) if o.clearance_m(car, body) < NEAR_M else o
+            for o, (_, thing) in zip(about, self.moving, strict=True)
+        ]
+        return [*self.still, *moving]
 
 
-def _is_moving(challenge: Challenge, number: int) -> bool:
-    return any(t.id == number and bool(t.velocity_mps.any()) for t in challenge.scene.things)
-
-
-def _needless(
-    challenge: Challenge, still: list[Obstruction], t_s: float, car: CarState, body: Body, decision: Decision
-) -> str:
+def _needless(world: World, t_s: float, car: CarState, body: Body, decision: Decision) -> str:
     """Return why an action was a false one; empty if something stood or came in the way."""
     for ahead_s in np.arange(0, FREE_S, 0.1):
         there = replace(car, x_m=car.x_m + ahead_s * SPEED_MPS, heading_rad=0.0)
-        if clearance_m(_all_at(challenge, still, t_s + ahead_s), there, body)[0] < FREE_M:
+        if clearance_m(world.about(t_s + ahead_s), there, body)[0] < FREE_M:
             return ""
     return f"{decision.action} on a free road after {t_s:.1f} s: {decision.reason}"
 
 
-def _ended(
-    challenge: Challenge, still: list[Obstruction], t_s: float, car: CarState, body: Body, log: Log
-) -> Ended | None:
+def _ended(world: World, t_s: float, car: CarState, body: Body, log: Log) -> Ended | None:
     """Return how the drive ended, if it did."""
-    things, road = _all_at(challenge, still, t_s), challenge.scene.road
+    challenge = world.challenge
+    things, road = world.exact(t_s, car, body), challenge.scene.road
     gap_m, what = clearance_m(things, car, body)
     log.nearest_m = min(log.nearest_m, gap_m)
     if gap_m <= 0:

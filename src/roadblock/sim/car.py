@@ -1,6 +1,7 @@
 """A car that drives through a scene: how it obeys, and what it touches, judged by the exact geometry."""
 
 from collections.abc import Iterable
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,6 +71,13 @@ class Obstruction:
         self.at_m = thing.T_world_thing[:2, 3]
         self.size_m = float(max(thing.size_m[0], thing.size_m[2]))
         self.reach_m = np.array([_reach(thing, part) for part in thing.parts if _is_in_the_way(thing, part)])
+
+    def shifted(self, way_m: FloatArray) -> "Obstruction":
+        """Return it moved by (2,) metres."""
+        other = copy(self)
+        other.at_m = self.at_m + way_m
+        other.reach_m = self.reach_m + way_m @ _WAYS[:2] if len(self.reach_m) else self.reach_m
+        return other
 
     def clearance_m(self, car: CarState, body: Body) -> float:
         """Return how far the car is from it, metres; negative where they touch; infinity for what is far away."""

@@ -10,6 +10,7 @@ from roadblock.sim.scene import Scene, roadside
 from roadblock.sim.scenes import AWAY, KMH, LEFTWARDS, RIGHTWARDS, STREET, TOWARDS, ZEBRA, Stand, furnished, paper
 from roadblock.sim.solids import Thing, moved
 from roadblock.sim.things import Order
+from roadblock.values.checks import FloatArray
 
 LANE_M = -0.6
 """Middle of the own lane."""
@@ -43,19 +44,23 @@ class Challenge:
 
     def things_at(self, t_s: float) -> tuple[Thing, ...]:
         """Return all things after so many seconds."""
-        late = max(0.0, t_s - self.brakes_s)
-        things = []
-        for thing in self.scene.things:
-            v = float(np.linalg.norm(thing.velocity_mps))
-            if v == 0:
-                things.append(thing)
-                continue
-            braked = min(late, v / self.brakes_mps2)
-            gone_s = min(t_s, self.brakes_s) + braked - self.brakes_mps2 * braked**2 / (2 * v)
-            slower = max(0.0, 1 - self.brakes_mps2 * late / v)
-            there = moved(thing, gone_s)
-            things.append(replace(there, velocity_mps=there.velocity_mps * slower))
-        return tuple(things)
+        return tuple(self.thing_at(thing, t_s) if thing.velocity_mps.any() else thing for thing in self.scene.things)
+
+    def thing_at(self, thing: Thing, t_s: float) -> Thing:
+        """Return one of the scene's things after so many seconds, if it moves."""
+        v, braking_s = float(np.linalg.norm(thing.velocity_mps)), max(0.0, t_s - self.brakes_s)
+        there = moved(thing, self._gone_s(v, t_s))
+        return replace(there, velocity_mps=there.velocity_mps * max(0.0, 1 - self.brakes_mps2 * braking_s / v))
+
+    def way_m(self, thing: Thing, t_s: float) -> FloatArray:
+        """Return (2,) how far it has got."""
+        v = thing.velocity_mps[:2]
+        return np.asarray(v * self._gone_s(float(np.linalg.norm(v)), t_s))
+
+    def _gone_s(self, speed_mps: float, t_s: float) -> float:
+        """Return how long it would take to get as far without braking."""
+        braked = min(max(0.0, t_s - self.brakes_s), speed_mps / self.brakes_mps2)
+        return min(t_s, self.brakes_s) + braked - self.brakes_mps2 * braked**2 / (2 * speed_mps)
 
 
 def _street(seed: int, stands: tuple[Stand, ...], road: Road | None = None) -> Scene:

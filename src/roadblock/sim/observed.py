@@ -9,18 +9,19 @@ import numpy as np
 
 from roadblock.geometry.pose import inverse, rotation_from_rotvec, transform, vehicle_from_car
 from roadblock.sim.car import HEIGHT_M, OVER_M, CarState
+from roadblock.sim.road import Road
 from roadblock.sim.solids import Thing, corners_m
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.motion import EgoMotion
-from roadblock.values.scene import FreeSpace, Obstacle
+from roadblock.values.scene import FreeSpace, Obstacle, RoadEdges
 
 COLUMN_PX = 4.0
 NEAREST_M = 1.5
 
 
 class Noise(NamedTuple):
-    """How a detector errs.
+    """How a detector errs; the defaults are what rendered pictures showed (`benchmarks/accuracy/observed.py`).
 
     Attributes
     ----------
@@ -29,26 +30,30 @@ class Noise(NamedTuple):
     column_px
         Of each column of free space, on top.
     edge_px
-        Of each end of an obstacle's box.
-    missed, missed_per_m
-        Probability that an obstacle is missed in a frame at 0 m, and by how much it grows by metre.
-    reach_m
-        How far road is seen.
-    false_per_frame
-        How often a frame shows something that is not there, anywhere in view.
+        Of each end of an obstacle's box, which is half of it too far out.
+    found_m, missed_per_m, most_missed
+        Up to where an obstacle is always found, how fast the probability grows behind that it is not (though its
+        columns end), and how large it becomes.
+    known_m, unknown
+        Behind that, the share of columns of which nothing is known.
+    reach_m, kerb_reach_m
+        How far road and kerbs are seen.
     step_share, turn_rad
         Of the car's own motion: share of each step, and rotation.
     """
 
     d_px: float = 0.25
-    column_px: float = 0.2
-    edge_px: float = 2.0
-    missed: float = 0.02
-    missed_per_m: float = 0.002
-    reach_m: float = 28.0
-    false_per_frame: float = 0.0
-    step_share: float = 0.01
-    turn_rad: float = 3e-4
+    column_px: float = 0.5
+    edge_px: float = 4.0
+    found_m: float = 6.0
+    missed_per_m: float = 0.033
+    most_missed: float = 0.6
+    known_m: float = 15.0
+    unknown: float = 0.06
+    reach_m: float = 30.0
+    kerb_reach_m: float = 12.0
+    step_share: float = 0.007
+    turn_rad: float = 1e-4
 
 
 class Observed(NamedTuple):
@@ -59,7 +64,7 @@ class Observed(NamedTuple):
 
 
 def observe(
-    things: tuple[Thing, ...], car: CarState, twin: Rectification, rng: np.random.Generator, noise: Noise
+    things: tuple[Thing, ...], road: Road, car: CarState, twin: Rectification, rng: np.random.Generator, noise: Noise
 ) -> Observed:
     """Return what would be found from a car on a level road.
 
@@ -67,6 +72,8 @@ def observe(
     ----------
     things
         Where they are.
+    road
+        Its kerbs are seen if it has any.
     car
         Where the cameras are.
     twin
@@ -84,32 +91,54 @@ def observe(
     for thing in things:
         columns = _columns(thing, T_car_world, twin, u)
         z = float(columns.min(initial=np.inf))
-        if not NEAREST_M < z < noise.reach_m * 1.5:
+        if not z < 1.5 * noise.reach_m:
             continue
         visible = np.flatnonzero((columns < nearest) & np.isfinite(columns))
-        if len(visible) < 2 or rng.random() < noise.missed + noise.missed_per_m * z:
+        if len(visible) < 2:
             continue
         shared = rng.normal(0, noise.d_px)
         d = fb / columns + shared + rng.normal(0, noise.column_px, len(u))
         nearest = np.minimum(nearest, fb / np.maximum(d, 0.5))
-        if thing.id:
-            edges = u[visible[[0, -1]]] + rng.normal(0, noise.edge_px, 2)
-            found.append(_obstacle(thing, edges, fb / z + shared, twin, noise))
+        missed = np.clip(noise.missed_per_m * (z - noise.found_m), 0, noise.most_missed)
+        if thing.id and rng.random() >= missed:
+            edges = u[visible[[0, -1]]] + np.array([-1, 1]) * rng.normal(noise.edge_px / 2, noise.edge_px, 2)
+            found.append(_obstacle(thing, np.sort(edges), fb / z + shared, twin, noise))
     blocked = nearest < noise.reach_m
-    free = FreeSpace(u, np.where(blocked, nearest, noise.reach_m), blocked)
-    return Observed(tuple(o for o in found if o.range_m < noise.reach_m * 1.5), free)
+    range_m = np.where(blocked, nearest, noise.reach_m)
+    unknown = (range_m > noise.known_m) & (rng.random(len(u)) < noise.unknown)
+    blocked, range_m = blocked & ~unknown, np.where(unknown, np.nan, range_m)
+    return Observed(tuple(found), FreeSpace(u, range_m, blocked, _edges(road, car, twin, u, range_m, rng, noise)))
+
+
+def _edges(
+    road: Road, car: CarState, twin: Rectification, u: FloatArray, range_m: FloatArray, rng: np.random.Generator, noise: Noise
+) -> RoadEdges:
+    """Return the kerbs of a straight road, as far as they are seen."""
+    z = np.full(len(u), np.nan)
+    if road.kerb_m:
+        aside = -(u - twin.cx_px) / twin.f_px  # to the left, by metre ahead
+        c, s = np.cos(car.heading_rad), np.sin(car.heading_rad)
+        with np.errstate(divide="ignore"):
+            ranges = [(side - car.y_m) / (s + aside * c) for side in (road.right_m, road.left_m)]
+        first = np.min(np.where(np.array(ranges) > 0, ranges, np.inf), axis=0)
+        fb = twin.f_px * twin.baseline_m
+        first = fb / np.maximum(fb / first + rng.normal(0, noise.column_px, len(u)), 0.5)
+        z = np.where((first < noise.kerb_reach_m) & (first < range_m), first, np.nan)
+    is_kerb = np.isfinite(z)
+    return RoadEdges(z, np.where(is_kerb, road.kerb_m, np.nan), is_kerb.astype(np.uint8))
 
 
 def _columns(thing: Thing, T_car_world: FloatArray, twin: Rectification, u: FloatArray) -> FloatArray:
     """Return (n,) the forward distance of a thing in each column; infinity where it is not."""
     columns = np.full(len(u), np.inf)
+    below = (twin.size_px[1] - twin.cy_px) / twin.f_px
     for part in thing.parts:
         world = corners_m(part, thing.T_world_thing)
         if world[:, 2].min() > HEIGHT_M or world[:, 2].max() < OVER_M:
             continue
         p = transform(T_car_world, world)
         z = p[:, 2].min()
-        if z < NEAREST_M:
+        if z < NEAREST_M or p[:, 1].min() > below * z:
             continue
         at = twin.cx_px + twin.f_px * (p[:, 0] + twin.baseline_m / 2) / p[:, 2]
         # Along a slanted part the distance goes from its left to its right end.

@@ -201,9 +201,9 @@ class Decider:
             return self._follow(hazards, free)
         own, s = self._own, self.settings
         way = straight_on(own.yaw_rate_radps / max(own.speed_mps, 3.0) / 2)
-        found = find_contact(way, hazards, own.speed_mps, s.margin_m, s)
+        found = find_contact(way, hazards, own.speed_mps, s.margin_m / 2, s)
         if self._brakes and found is None:  # would it drive on, it would stop again
-            near = find_contact(way, hazards, max(own.speed_mps, CREEP_MPS), s.margin_m, s)
+            near = find_contact(way, hazards, max(own.speed_mps, CREEP_MPS), s.margin_m / 2, s)
             if near is not None and hazards.at_m[near.index, 0] < s.front_m + s.stop_m + 1:
                 found = near
         self._recent = [*self._recent[-s.confirm :], found is not None and found.is_sure]

@@ -16,7 +16,7 @@ class DecideSettings(BaseModel):
     brake_mps2: float = Field(6.0, gt=0, description="Hardest braking.")
     lateral_mps2: float = Field(3.0, gt=0, description="Hardest steering.")
     turn_m: float = Field(6.0, gt=0, description="Smallest turning circle, its radius.")
-    margin_m: float = Field(0.2, ge=0, description="Room at each side of the car that must be free as well.")
+    margin_m: float = Field(0.4, ge=0, description="Room at each side of a way round; half of it must always be free.")
     stop_m: float = Field(4.0, ge=0, description="Room left before what it stops for, to drive round it afterwards.")
     warn_s: float = Field(2.5, gt=0, description="A shorter time to contact is warned of.")
     swerve_s: float = Field(2.5, gt=0, description="Swerving round something begins below this.")

@@ -21,6 +21,8 @@ COMFORT = 0.85
 """Share of the hardest steering that is planned with."""
 THICK_M = 0.5
 """What moves is taken to be so long, before and behind."""
+BIN_M = 0.5
+"""Points are compared with a way at such steps."""
 LOOK_S = 0.6
 """A deviation from the way is corrected within this time."""
 SHY = 0.5
@@ -41,10 +43,10 @@ class Ways(NamedTuple):
     def at(self, s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return how far left, its slope and its curvature at s (m, k) or (k,), all (m, k)."""
         inside = np.clip(s, 0, self.length_m[:, None])
-        c = self.coefficients.T[:, :, None]
-        y = c[0] + inside * (c[1] + inside * (c[2] + inside * (c[3] + inside * (c[4] + inside * c[5]))))
-        dy = c[1] + inside * (2 * c[2] + inside * (3 * c[3] + inside * (4 * c[4] + inside * 5 * c[5])))
-        ddy = 2 * c[2] + inside * (6 * c[3] + inside * (12 * c[4] + inside * 20 * c[5]))
+        c0, c1, c2, c3, c4, c5 = self.coefficients.T[:, :, None]
+        y = c0 + inside * (c1 + inside * (c2 + inside * (c3 + inside * (c4 + inside * c5))))
+        dy = c1 + inside * (2 * c2 + inside * (3 * c3 + inside * (4 * c4 + inside * 5 * c5)))
+        ddy = 2 * c2 + inside * (6 * c3 + inside * (12 * c4 + inside * 20 * c5))
         return y + dy * (s - inside), dy, np.where(inside == s, ddy, 0.0)
 
     def where(self, mask: NDArray[np.bool_]) -> "Ways":
@@ -117,7 +119,7 @@ def swept(ways: Ways, x_m: FloatArray, settings: DecideSettings) -> tuple[FloatA
     """Return (m, n) the right and the left end of what the car takes of the road at x (n,) while it goes by."""
     body = []
     for reach in (settings.front_m, 0.0, -settings.rear_m):
-        y, slope, _ = ways.at(np.broadcast_to(x_m - reach, (len(ways.length_m), len(x_m))))
+        y, slope, _ = ways.at(x_m - reach)
         body.append(y + reach * slope)
     half = settings.width_m / 2
     return np.min(body, axis=0) - half, np.max(body, axis=0) + half
@@ -131,7 +133,10 @@ def clear_of(
     What the car is beside already needs no room: it must not be touched.
     """
     near = at_m[(at_m[:, 0] > -settings.rear_m) & (at_m[:, 0] < until_m)]
-    low, high = swept(ways, near[:, 0], settings)
+    if not len(near):
+        return np.ones(len(ways.length_m), bool)
+    bins, index = np.unique(np.rint(near[:, 0] / BIN_M), return_inverse=True)
+    low, high = (part[:, index] for part in swept(ways, bins * BIN_M, settings))
     room = np.where(near[:, 0] < settings.front_m, 0.0, margin_m)
     return np.asarray(((near[:, 1] < low - room) | (near[:, 1] > high + room)).all(1))
 
