@@ -210,7 +210,7 @@ def _ended(world: World, t_s: float, car: CarState, body: Body, log: Log) -> End
         return Ended("failed", f"left the road after {t_s:.1f} s")
     good = Ended("false", log.false_reason) if log.false_reason else None
     if log.stood_s >= STANDS_S:
-        if challenge.goes_on or can_go_on(things, car, body, (road.right_m, road.left_m)):
+        if challenge.goes_on or can_go_on(world.still, car, body, (road.right_m, road.left_m)):
             return good or Ended("effective", f"stands {gap_m:.1f} m before a {what} and can go on")
         return Ended("failed", f"stands {gap_m:.1f} m before a {what} and cannot go on")
     named = [thing for thing in things if thing.thing.id]

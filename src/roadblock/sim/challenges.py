@@ -15,6 +15,8 @@ from roadblock.values.checks import FloatArray
 LANE_M = -0.6
 """Middle of the own lane."""
 SPEED_MPS = 30 * KMH
+KERB_M = 0.12
+"""Every road ends at kerbs: an edge that is only painted is not seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +67,7 @@ class Challenge:
 
 def _street(seed: int, stands: tuple[Stand, ...], road: Road | None = None) -> Scene:
     base = paper(seed)
-    road = road or Road()
+    road = road or Road(kerb_m=KERB_M)
     scenery = roadside(np.random.default_rng([seed, 21]))
     return replace(base, things=furnished(road, stands, seed) + scenery, road=road, speed_mps=0.0)
 
@@ -75,7 +77,8 @@ def _rng(seed: int, number: int) -> np.random.Generator:
 
 
 def _paper(seed: int) -> Challenge:
-    return Challenge(replace(paper(seed), speed_mps=0.0), (-22.0, 0.0), 62.0)
+    scene = paper(seed)
+    return Challenge(replace(scene, speed_mps=0.0, road=replace(scene.road, kerb_m=KERB_M)), (-22.0, 0.0), 62.0)
 
 
 def _standing(seed: int) -> Challenge:
@@ -137,7 +140,7 @@ def _cargo(seed: int) -> Challenge:
 
 def _fork(seed: int) -> Challenge:
     rng = _rng(seed, 8)
-    road = Road(-7.0, 7.0, marks=(Mark("gore", 28.0, 0.0, 8.0, 1.1),))
+    road = Road(-7.0, 7.0, kerb_m=KERB_M, marks=(Mark("gore", 28.0, 0.0, 8.0, 1.1),))
     stand = Stand(Order("fork", 0, length_m=12.0), rng.uniform(36, 40), rng.uniform(-0.4, 0.4))
     return Challenge(_street(seed, (stand,), road), (0.0, 0.0), 62.0)
 

@@ -51,7 +51,7 @@ class Noise(NamedTuple):
     known_m: float = 15.0
     unknown: float = 0.06
     reach_m: float = 30.0
-    kerb_reach_m: float = 12.0
+    kerb_reach_m: float = 10.0
     step_share: float = 0.007
     turn_rad: float = 1e-4
 

@@ -17,6 +17,7 @@ from roadblock.stages.decide.swerve import (
     drivable,
     steering,
     straight_on,
+    swept,
     ways_aside,
 )
 from roadblock.values.camera import Rectification
@@ -54,6 +55,8 @@ SLOWER_MPS2 = 2.5
 """How a car slows down that finds its way round blocked further on."""
 SAME_M = 1.0
 """What is remembered so near to a track belongs to it."""
+STOOD_M = 0.3
+"""What is so near to where something stood does not move, whatever its track says."""
 STRAIGHT_RADPS = 0.12
 """A road that turns the car faster bends too much to plan a way aside."""
 
@@ -159,8 +162,8 @@ class Decider:
             edge = free.edges.range_m
             reach = np.where(np.isfinite(edge), edge, free.range_m)
             self._remember(self._kerbs, free, reach, np.isfinite(edge))
-        faces = self._layout.faces(obstacles, free)
         stood = Hazards.of(self._own.from_here(self._stood.at_m), sigma_m=CELL_M)
+        faces = [_still(face, stood.at_m) for face in self._layout.faces(obstacles, free)]
         return Hazards.joined([stood, *faces, *self._lost(faces)])
 
     def _remember(self, memory: Memory, free: FreeSpace, reach_m: FloatArray, ends: NDArray[np.bool_]) -> None:
@@ -265,14 +268,18 @@ class Decider:
         ways = ways.where(self._is_seen(ways, free, until_m))
         if not len(ways.length_m):
             return None
+        roomy = self._is_clear(ways, hazards, until_m, 2 * s.margin_m)
+        ways = ways.where(roomy) if roomy.any() else ways
         wanted_m = 0.0 if self._way is None else self._begun_m[1] + float(self._way.offset_m[0]) - here[1]
         return ways.only(int(np.argmin(np.abs(ways.offset_m - wanted_m))))
 
     def _is_clear(self, ways: Ways, hazards: Hazards, until_m: float, margin_m: float) -> NDArray[np.bool_]:
         s, own, moves = self.settings, self._own, hazards.moves
         good = clear_of(ways, hazards.at_m[~moves], until_m, margin_m, s)
-        kerbs = turned(own.from_here(self._kerbs.at_m), own.askew_rad)
-        good &= clear_of(ways, kerbs, until_m, KERB_M, s)
+        y = turned(own.from_here(self._kerbs.at_m), own.askew_rad)[:, 1]  # kerbs run along the road, seen or not
+        right, left = y[y < 0].max(initial=-np.inf), y[y > 0].min(initial=np.inf)
+        ends = swept(ways, np.arange(0.0, until_m, 1.0), s)
+        good &= (ends[0].min(1) > right + KERB_M) & (ends[1].max(1) < left - KERB_M)
         if moves.any() and good.any():
             good &= clear_of_moving(ways, hazards.where(moves), until_m, own.speed_mps, s)
         return good
@@ -330,6 +337,16 @@ class Decider:
         self._commands.append((self._t_ns, curvature))
         ttc = (math.nan, math.nan) if found is None else (found.ttc_s, found.sigma_s)
         return Decision(action, reason, *ttc, slower_mps2, curvature, float(rest.offset_m[0]), number)
+
+
+def _still(face: Hazards, stood_m: FloatArray) -> Hazards:
+    """Return a face, standing if most of it is where something has stood for a while."""
+    if not face.moves[0] or not len(stood_m):
+        return face
+    apart_m = np.linalg.norm(face.at_m[:, None] - stood_m, axis=2).min(1)
+    if np.median(apart_m) > STOOD_M:
+        return face
+    return face._replace(velocity_mps=np.zeros_like(face.at_m), is_sure=np.ones(len(face.at_m), bool))
 
 
 def _side(way: Ways) -> str:

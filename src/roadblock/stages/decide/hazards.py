@@ -11,8 +11,6 @@ from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.scene import FreeSpace, Obstacle
 
-COMPACT_M = 2.5
-"""The face of what is wider is not a straight line across the road: its columns of free space say where it is."""
 FACE_STEP_M = 0.3
 """Between the points of a face."""
 BESIDE_SHARE = 0.15
@@ -24,8 +22,8 @@ SLOW_MPS = 0.5
 LONGEST_COAST_S = 0.3
 SETTLED_S = 0.5
 """A younger track's velocity is not known, whatever it says."""
-BORDER_PX = 4
-"""What is cut off by the picture's border has no velocity: its end goes along with the car."""
+BORDER_SHARE = 0.08
+"""So near to the picture's side, by its width, nothing has a velocity: the ends of walls go along with the car there."""
 COLUMN_SIGMA_PX = 0.25
 """Noise of the disparity at which a column ends."""
 
@@ -113,8 +111,8 @@ class Layout:
     def _face(self, o: Obstacle, free: FreeSpace) -> Hazards:
         assert o.track is not None  # noqa: S101
         mine = self._columns_of(o, free)
-        if o.size_m[0] > COMPACT_M and mine.any():
-            at_m = self.points(free.u_px[mine], free.range_m[mine])
+        if mine.sum() > 1:  # its columns tell how a side runs, the obstacle itself how near it comes
+            at_m = self.points(free.u_px[mine], np.maximum(free.range_m[mine], o.range_m))
         else:
             half = o.size_m[0] / 2
             aside = np.linspace(-half, half, max(2, int(np.ceil(2 * half / FACE_STEP_M)) + 1))
@@ -127,7 +125,8 @@ class Layout:
     def _velocity_mps(self, o: Obstacle) -> tuple[FloatArray, bool]:
         """Return (2,) velocity over ground, as far as it is known, and whether that is sure."""
         assert o.track is not None  # noqa: S101
-        track, is_cut = o.track, o.box_px[0] < BORDER_PX or o.box_px[2] > self.rectification.size_px[0] - BORDER_PX
+        track, width = o.track, self.rectification.size_px[0]
+        is_cut = o.box_px[0] < BORDER_SHARE * width or o.box_px[2] > (1 - BORDER_SHARE) * width
         if track.motion == "standing" or is_cut or not track.is_over_ground:
             return np.zeros(2), track.motion == "standing"
         if track.motion == "moving" and track.age_s >= SETTLED_S:

@@ -23,4 +23,4 @@ class DecideSettings(BaseModel):
     brake_share: float = Field(0.6, gt=0, le=1, description="Braking begins when this share of `brake_mps2` is needed.")
     confirm: int = Field(2, ge=1, description="So many frames, of one more, must agree before anything is done.")
     hold_s: float = Field(0.3, ge=0, description="So long it goes on after the road was free again.")
-    widest_m: float = Field(3.0, gt=0, description="No swerve leads further aside than this from the car's old line.")
+    widest_m: float = Field(4.0, gt=0, description="No swerve leads further aside than this from the car's old line.")
