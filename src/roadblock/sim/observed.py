@@ -3,6 +3,8 @@
 Every part of a thing is taken for the upright box around it; nothing is rendered.
 """
 
+from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +12,7 @@ import numpy as np
 from roadblock.geometry.pose import inverse, rotation_from_rotvec, transform, vehicle_from_car
 from roadblock.sim.car import HEIGHT_M, OVER_M, CarState
 from roadblock.sim.road import Road
-from roadblock.sim.solids import Thing, corners_m
+from roadblock.sim.solids import Part, Thing, corners_m
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.motion import EgoMotion
@@ -18,6 +20,8 @@ from roadblock.values.scene import FreeSpace, Obstacle, RoadEdges
 
 COLUMN_PX = 4.0
 NEAREST_M = 1.5
+PIECE_M = 0.3
+"""Longer parts are cut into pieces."""
 
 
 class Noise(NamedTuple):
@@ -130,24 +134,31 @@ def _edges(
 
 def _columns(thing: Thing, T_car_world: FloatArray, twin: Rectification, u: FloatArray) -> FloatArray:
     """Return (n,) the forward distance of a thing in each column; infinity where it is not."""
-    columns = np.full(len(u), np.inf)
-    below = (twin.size_px[1] - twin.cy_px) / twin.f_px
-    for part in thing.parts:
-        world = corners_m(part, thing.T_world_thing)
-        if world[:, 2].min() > HEIGHT_M or world[:, 2].max() < OVER_M:
-            continue
-        p = transform(T_car_world, world)
-        z = p[:, 2].min()
-        if z < NEAREST_M or p[:, 1].min() > below * z:
-            continue
-        at = twin.cx_px + twin.f_px * (p[:, 0] + twin.baseline_m / 2) / p[:, 2]
-        # Along a slanted part the distance goes from its left to its right end.
-        left, right = np.argmin(at), np.argmax(at)
-        covered = (u >= at[left]) & (u <= at[right])
-        ends = (1 / p[left, 2], 1 / p[right, 2]) if np.ptp(p[:, 2]) > 2.0 else (1 / z, 1 / z)
-        inverse_z = np.interp(u, [at[left], at[right]], ends)
-        columns[covered] = np.minimum(columns[covered], 1 / inverse_z[covered])
-    return columns
+    world = transform(thing.T_world_thing, _pieces(thing.parts))
+    p = transform(T_car_world, world)
+    z, top = p[..., 2].min(1), p[..., 1].min(1)
+    seen = (world[..., 2].min(1) < HEIGHT_M) & (world[..., 2].max(1) > OVER_M) & (z > NEAREST_M)
+    seen &= top < z * (twin.size_px[1] - twin.cy_px) / twin.f_px  # not all of it below the picture
+    at = twin.cx_px + twin.f_px * (p[seen, :, 0] + twin.baseline_m / 2) / p[seen, :, 2]
+    covered = (u >= at.min(1)[:, None]) & (u <= at.max(1)[:, None])
+    return np.asarray(np.where(covered, z[seen, None], np.inf).min(0, initial=np.inf))
+
+
+@lru_cache(maxsize=512)
+def _pieces(parts: tuple[Part, ...]) -> FloatArray:
+    """Return (n, 8, 3) corners of the boxes around parts, long ones cut into pieces, in the axes of the thing."""
+    pieces = []
+    for part in parts:
+        corners = corners_m(part, np.eye(4))
+        order = np.argsort((corners - corners.mean(0)) @ np.linalg.svd(corners - corners.mean(0))[2][0])
+        begin, end = corners[order[:4]], corners[order[4:]]
+        length = np.linalg.norm(end.mean(0) - begin.mean(0))
+        cuts = np.linspace(0, 1, max(1, int(np.ceil(length / PIECE_M))) + 1)
+        # which corner of one end belongs to which of the other: the nearest across the length
+        pair = np.argmin(np.linalg.norm((begin - begin.mean(0))[:, None] - (end - end.mean(0)), axis=2), axis=1)
+        along = [begin + cut * (end[pair] - begin) for cut in cuts]
+        pieces += [np.concatenate(two) for two in pairwise(along)]
+    return np.asarray(pieces)
 
 
 def _obstacle(thing: Thing, edges_px: FloatArray, d_px: float, twin: Rectification, noise: Noise) -> Obstacle:

@@ -14,8 +14,8 @@ CLOSING_MPS = 0.3
 """What comes closer no faster never arrives."""
 AHEAD_S = 4.0
 """What is further off does not count."""
-UNSURE_SHARE = 0.85
-"""What may stand or move counts only once this share of the hardest braking is needed if it stands."""
+BESIDE_M = 0.2
+"""What is further behind the front is beside the car."""
 LEAST_ROOM_M = 0.7
 """Room before what it stops for, where it is too late for `stop_m`."""
 
@@ -44,7 +44,7 @@ def find_contact(
     gap_m = hazards.at_m[:, 0] - s.front_m
     closing = speed_mps - hazards.velocity_mps[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        ttc = np.where((closing > CLOSING_MPS) & (gap_m > -s.front_m), np.maximum(gap_m, 0) / closing, np.inf)
+        ttc = np.where((closing > CLOSING_MPS) & (gap_m > -BESIDE_M), np.maximum(gap_m, 0) / closing, np.inf)
         passed = np.minimum(ttc + np.where(hazards.moves, (s.front_m + s.rear_m) / closing, 0.0), AHEAD_S)
     aside = hazards.velocity_mps[:, 1]
     arrives = ttc < AHEAD_S
@@ -53,11 +53,11 @@ def find_contact(
     ends = hazards.at_m[:, 1] + aside * np.where(arrives, [ttc, passed], 0.0)
     now = hazards.at_m[:, 1]
     hit = arrives & (ends.min(0) < high + margin_m) & (ends.max(0) > low - margin_m)
-    hit &= hazards.is_sure | ((now < high + margin_m) & (now > low - margin_m))
+    hit &= (hazards.doubt == 0) | ((now < high + margin_m) & (now > low - margin_m))
     if not hit.any():
         return None
     needed = np.where(hit, _needed_mps2(gap_m, speed_mps, hazards.velocity_mps[:, 0], s), 0.0)
-    counts = hit & (hazards.is_sure | (needed >= UNSURE_SHARE * s.brake_mps2))
+    counts = hit & (needed >= hazards.doubt * s.brake_mps2)
     of = counts if counts.any() else hit
     first = int(np.argmin(np.where(of, ttc, np.inf)))
     sigma = math.hypot(hazards.sigma_m[first], ttc[first] * hazards.sigma_mps[first]) / closing[first]
@@ -66,14 +66,17 @@ def find_contact(
 
 
 def _needed_mps2(gap_m: FloatArray, speed_mps: float, ahead_mps: FloatArray, s: DecideSettings) -> FloatArray:
-    """Return (n,) how hard to brake to stop `stop_m` before each, or as near as may be; more than possible: too late.
+    """Return (n,) how hard to brake to stay `stop_m` behind each, or as near as may be where that is too late.
 
-    What drives on ahead may brake as hard as the car itself can.
+    What drives on ahead may at any moment brake as hard as the car itself can.
     """
-    ahead = np.maximum(ahead_mps, 0)
     closing = speed_mps - ahead_mps
-    far = gap_m + ahead**2 / (2 * s.brake_mps2) - s.delay_s * np.where(ahead > 0, speed_mps, closing)
-    speed = np.where(ahead > 0, speed_mps, closing)
-    left, least = (np.maximum(far - room, 1e-3) for room in (s.stop_m, LEAST_ROOM_M))
-    soft, hard = speed**2 / (2 * left), speed**2 / (2 * least)
-    return np.where(soft <= s.brake_mps2, soft, np.maximum(hard, s.brake_share * s.brake_mps2))
+    left_m = gap_m - s.delay_s * closing
+    soft, hard = (_braked(closing, left_m - room) for room in (s.stop_m, LEAST_ROOM_M))
+    as_is = np.where(soft <= s.brake_mps2, soft, np.maximum(hard, s.brake_share * s.brake_mps2))
+    stops_m = gap_m + ahead_mps**2 / (2 * s.brake_mps2) - s.delay_s * speed_mps - LEAST_ROOM_M
+    return np.where(ahead_mps > 0, np.maximum(as_is, _braked(speed_mps, stops_m)), as_is)
+
+
+def _braked(speed_mps: FloatArray | float, way_m: FloatArray) -> FloatArray:
+    return np.asarray(np.square(speed_mps) / (2 * np.maximum(way_m, 1e-3)))

@@ -193,7 +193,7 @@ class Decider:
                 at_m = own.from_here(face.at_m + face.velocity_mps * late_s)
                 gone.append(face._replace(at_m=at_m, velocity_mps=turned(face.velocity_mps, -own.heading_rad)))
         for face in faces:
-            if face.moves[0] and face.is_sure[0] and face.at_m[:, 0].min() < LOST_M:
+            if face.moves[0] and face.doubt[0] == 0 and face.at_m[:, 0].min() < LOST_M:
                 velocity = turned(face.velocity_mps, own.heading_rad)
                 kept = face._replace(at_m=own.remembered(face.at_m), velocity_mps=velocity)
                 self._movers[int(face.number[0])] = (kept, self._t_ns)
@@ -239,10 +239,11 @@ class Decider:
         return Decision("none", told, found.ttc_s, found.sigma_s, obstacle_id=number)
 
     def _can_pass(self, hazards: Hazards, index: int) -> bool:
-        """Return whether what is in the way can be driven round: it stands or walks along, and the road is straight."""
+        """Return whether what is in the way can be driven round: it stands or walks along for sure, on a straight road."""
         ahead, aside = np.abs(hazards.velocity_mps[index])
         slow = bool(ahead < PASSED_MPS and aside < CROSSING_MPS)
-        return slow and abs(self._own.yaw_rate_radps) < STRAIGHT_RADPS
+        known = bool(hazards.doubt[index] == 0) or self._brakes
+        return slow and known and abs(self._own.yaw_rate_radps) < STRAIGHT_RADPS
 
     def _in_road(self, hazards: Hazards) -> Hazards:
         """Return hazards in the axes of the road."""
@@ -346,7 +347,7 @@ def _still(face: Hazards, stood_m: FloatArray) -> Hazards:
     apart_m = np.linalg.norm(face.at_m[:, None] - stood_m, axis=2).min(1)
     if np.median(apart_m) > STOOD_M:
         return face
-    return face._replace(velocity_mps=np.zeros_like(face.at_m), is_sure=np.ones(len(face.at_m), bool))
+    return face._replace(velocity_mps=np.zeros_like(face.at_m), doubt=np.zeros(len(face.at_m)))
 
 
 def _side(way: Ways) -> str:

@@ -22,6 +22,10 @@ SLOW_MPS = 0.5
 LONGEST_COAST_S = 0.3
 SETTLED_S = 0.5
 """A younger track's velocity is not known, whatever it says."""
+YOUNG_S = 0.8
+"""And a track older than this that still does not tell is no longer waited for."""
+SETTLED_DOUBT, YOUNG_DOUBT = 0.6, 0.85
+"""What may move or stand counts once so much of the hardest braking is needed if it does as it seems to."""
 BORDER_SHARE = 0.08
 """So near to the picture's side, by its width, nothing has a velocity: the ends of walls go along with the car there."""
 COLUMN_SIGMA_PX = 0.25
@@ -32,7 +36,8 @@ class Hazards(NamedTuple):
     """Points (n) in the axes of the vehicle, seen from the cameras.
 
     `at_m` (n, 2) forward and left; `velocity_mps` (n, 2) over ground; `sigma_m` of the distance, `sigma_mps` of the
-    velocity; `number` of the track, 0 = none; `is_sure` whether it is known that it moves, or that it stands.
+    velocity; `number` of the track, 0 = none; `doubt`: the share of the hardest braking that must be needed before it
+    counts at all, 0 where it is known that it moves, or that it stands.
     """
 
     at_m: FloatArray
@@ -40,7 +45,7 @@ class Hazards(NamedTuple):
     sigma_m: FloatArray
     sigma_mps: FloatArray
     number: NDArray[np.int64]
-    is_sure: NDArray[np.bool_]
+    doubt: FloatArray
 
     @classmethod
     def of(
@@ -50,14 +55,13 @@ class Hazards(NamedTuple):
         sigma_m: FloatArray | float = 0.2,
         sigma_mps: float = 0.0,
         number: int = 0,
-        *,
-        is_sure: bool = True,
+        doubt: float = 0.0,
     ) -> Self:
         """Return points (n, 2) that belong to one thing."""
         n = len(at_m)
         speeds = np.broadcast_to(velocity_mps, (n, 2))
         sigmas = np.broadcast_to(np.asarray(sigma_m, float), n)
-        return cls(at_m, speeds, sigmas, np.full(n, sigma_mps), np.full(n, number), np.full(n, is_sure))
+        return cls(at_m, speeds, sigmas, np.full(n, sigma_mps), np.full(n, number), np.full(n, doubt))
 
     @classmethod
     def joined(cls, parts: Sequence["Hazards"]) -> Self:
@@ -118,21 +122,22 @@ class Layout:
             aside = np.linspace(-half, half, max(2, int(np.ceil(2 * half / FACE_STEP_M)) + 1))
             forward, left = o.position_m[:2] - self.origin_m
             at_m = np.stack([np.full(len(aside), forward), left + aside], 1)
-        velocity, is_sure = self._velocity_mps(o)
+        velocity, doubt = self._velocity_mps(o)
         sigma_mps = float(o.track.velocity_sigma_mps.max())
-        return Hazards.of(at_m, velocity, o.range_sigma_m, sigma_mps, o.track.id, is_sure=is_sure)
+        return Hazards.of(at_m, velocity, o.range_sigma_m, sigma_mps, o.track.id, doubt)
 
-    def _velocity_mps(self, o: Obstacle) -> tuple[FloatArray, bool]:
-        """Return (2,) velocity over ground, as far as it is known, and whether that is sure."""
+    def _velocity_mps(self, o: Obstacle) -> tuple[FloatArray, float]:
+        """Return (2,) velocity over ground, as far as it is known, and how much that is in doubt."""
         assert o.track is not None  # noqa: S101
         track, width = o.track, self.rectification.size_px[0]
+        doubt = 0.0 if track.motion == "standing" else SETTLED_DOUBT if track.age_s >= YOUNG_S else YOUNG_DOUBT
         is_cut = o.box_px[0] < BORDER_SHARE * width or o.box_px[2] > (1 - BORDER_SHARE) * width
         if track.motion == "standing" or is_cut or not track.is_over_ground:
-            return np.zeros(2), track.motion == "standing"
+            return np.zeros(2), doubt
         if track.motion == "moving" and track.age_s >= SETTLED_S:
-            return track.velocity_mps, True
+            return track.velocity_mps, 0.0
         known = np.abs(track.velocity_mps) > 2 * track.velocity_sigma_mps
-        return np.where(known, track.velocity_mps, 0.0), False
+        return np.where(known, track.velocity_mps, 0.0), doubt
 
     def _columns_of(self, o: Obstacle, free: FreeSpace) -> NDArray[np.bool_]:
         u0, _, u1, _ = o.box_px
