@@ -11,7 +11,7 @@ from roadblock.config import Settings
 from roadblock.geometry.pose import pose
 from roadblock.pipeline import Pipeline
 from roadblock.sim.car import Body, CarState, Obstruction, can_go_on, clearance_m
-from roadblock.sim.challenges import CHALLENGES, SPEED_MPS, Challenge
+from roadblock.sim.challenges import CHALLENGES, GRID, Challenge
 from roadblock.sim.observed import Noise, measured_step, observe
 from roadblock.sim.render import render
 from roadblock.stages.decide import Decider, DecideSettings
@@ -39,6 +39,7 @@ FREE_S, FREE_M = 4.0, 0.3
 NEAR_M = 1.0
 """What is further away is not looked at closely."""
 
+SCENARIOS = CHALLENGES | GRID
 ROAD = GroundPlane(np.array([0.0, -1.0, 0.0]), 1.4)
 
 Look = Callable[[Challenge, float, CarState], tuple[Decision, FrameResult | None, RectifiedPair | None]]
@@ -52,10 +53,11 @@ def small_rig() -> StereoRig:
 
 
 class Ended(NamedTuple):
-    """How a drive ended: an outcome, why, and where the car was."""
+    """How a drive ended: an outcome, why, and how fast the car ran into something."""
 
     outcome: str
     reason: str
+    impact_mps: float = 0.0
 
 
 @dataclass
@@ -64,7 +66,6 @@ class Log:
 
     actions: list[str]
     nearest_m: float = float("inf")
-    hardest_mps2: float = 0.0
     stood_s: float = 0.0
     false_reason: str = ""
 
@@ -111,7 +112,7 @@ def drive(scenario: str, seed: int, look: Look, film: Film | None = None) -> dic
     Parameters
     ----------
     scenario, seed
-        Which drive of `CHALLENGES`.
+        Which drive of `SCENARIOS`.
     look
         The eyes.
     film
@@ -119,12 +120,12 @@ def drive(scenario: str, seed: int, look: Look, film: Film | None = None) -> dic
 
     Returns
     -------
-    `scenario`, `seed`, `outcome`, `reason`, `km`, `nearest_m` (to anything), `at_m` (where it ended, along and left),
-    `speed_mps` (then), `hardest_mps2`, and `actions` (how many frames of each).
+    `scenario`, `seed`, `outcome`, `reason`, `impact_mps` (relative, along the road), `km`, `nearest_m` (to anything), `at_m` (where it ended, along and left),
+    `speed_mps` (then), and `actions` (how many frames of each).
     """
-    challenge, body = CHALLENGES[scenario](seed), Body()
+    challenge, body = SCENARIOS[scenario](seed), Body()
     world = World(challenge)
-    car = CarState(*challenge.start_m, 0.0, SPEED_MPS)
+    car = CarState(*challenge.start_m, 0.0, challenge.speed_mps)
     waiting: deque[Decision] = deque([Decision("none", "begin")] * round(ACTUATOR_S / STEP_S))
     log, ended, step = Log([]), None, 0
     while ended is None:
@@ -137,7 +138,7 @@ def drive(scenario: str, seed: int, look: Look, film: Film | None = None) -> dic
                 log.false_reason = log.false_reason or _needless(world, t_s, car, body, decision)
             log.actions.append(decision.action)
         waiting.append(decision)
-        car = _obeyed(car, waiting.popleft())
+        car = _obeyed(car, waiting.popleft(), challenge.speed_mps)
         step += 1
         log.stood_s = log.stood_s + STEP_S if car.speed_mps < STANDS_MPS else 0.0
         ended = _ended(world, step * STEP_S, car, body, log)
@@ -146,6 +147,7 @@ def drive(scenario: str, seed: int, look: Look, film: Film | None = None) -> dic
         "seed": seed,
         "outcome": ended.outcome,
         "reason": ended.reason,
+        "impact_mps": ended.impact_mps,
         "km": round((car.x_m - challenge.start_m[0]) / 1000, 4),
         "nearest_m": round(log.nearest_m, 3) if np.isfinite(log.nearest_m) else None,
         "at_m": [round(car.x_m, 2), round(car.y_m, 2)],
@@ -154,9 +156,9 @@ def drive(scenario: str, seed: int, look: Look, film: Film | None = None) -> dic
     }
 
 
-def _obeyed(car: CarState, decision: Decision) -> CarState:
+def _obeyed(car: CarState, decision: Decision, wanted_mps: float) -> CarState:
     """Return the car a step later: the driver keeps speed and direction of the road, a decision goes before."""
-    gain = min(GAINING_MPS2, (SPEED_MPS - car.speed_mps) / STEP_S)
+    gain = min(GAINING_MPS2, (wanted_mps - car.speed_mps) / STEP_S)
     home = -car.heading_rad / max(4.0, 0.8 * car.speed_mps)
     if decision.action == "brake":
         return car.driven(-decision.deceleration_mps2, decision.curvature_per_m or home, STEP_S)
@@ -192,7 +194,7 @@ class World:
 def _needless(world: World, t_s: float, car: CarState, body: Body, decision: Decision) -> str:
     """Return why an action was a false one; empty if something stood or came in the way."""
     for ahead_s in np.arange(0, FREE_S, 0.1):
-        there = replace(car, x_m=car.x_m + ahead_s * SPEED_MPS, heading_rad=0.0)
+        there = replace(car, x_m=car.x_m + ahead_s * world.challenge.speed_mps, heading_rad=0.0)
         if clearance_m(world.about(t_s + ahead_s), there, body)[0] < FREE_M:
             return ""
     return f"{decision.action} on a free road after {t_s:.1f} s: {decision.reason}"
@@ -205,7 +207,7 @@ def _ended(world: World, t_s: float, car: CarState, body: Body, log: Log) -> End
     gap_m, what = clearance_m(things, car, body)
     log.nearest_m = min(log.nearest_m, gap_m)
     if gap_m <= 0:
-        return Ended("failed", f"touched a {what} at {car.speed_mps:.1f} m/s after {t_s:.1f} s")
+        return _touched(challenge, what, t_s, car)
     if not road.right_m < car.y_m - body.width_m / 2 < car.y_m + body.width_m / 2 < road.left_m:
         return Ended("failed", f"left the road after {t_s:.1f} s")
     good = Ended("false", log.false_reason) if log.false_reason else None
@@ -220,3 +222,13 @@ def _ended(world: World, t_s: float, car: CarState, body: Body, log: Log) -> End
     if t_s >= LONGEST_S:
         return good or Ended("effective", "still driving when time was up")
     return None
+
+
+def _touched(challenge: Challenge, what: str, t_s: float, car: CarState) -> Ended:
+    """Return that the car ran into something; what walks into a standing car was not run into."""
+    moving = [thing for thing in challenge.things_at(t_s) if thing.type == what and thing.velocity_mps.any()]
+    if moving and car.speed_mps < STANDS_MPS:
+        return Ended("effective", f"stood when a {what} came up to it after {t_s:.1f} s")
+    impact_mps = car.speed_mps - max((float(thing.velocity_mps[0]) for thing in moving), default=0.0)
+    reason = f"touched a {what} at {car.speed_mps:.1f} m/s after {t_s:.1f} s"
+    return Ended("failed", reason, round(max(impact_mps, 0.0), 2))

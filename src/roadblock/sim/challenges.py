@@ -35,6 +35,8 @@ class Challenge:
         When what moves begins to brake, and how hard; infinity = never.
     goes_on
         Whether what is ahead goes on by itself: to stand behind it is to drive on.
+    speed_mps
+        How fast the driver drives.
     """
 
     scene: Scene
@@ -43,6 +45,7 @@ class Challenge:
     brakes_s: float = float("inf")
     brakes_mps2: float = 4.0
     goes_on: bool = False
+    speed_mps: float = SPEED_MPS
 
     def things_at(self, t_s: float) -> tuple[Thing, ...]:
         """Return all things after so many seconds."""
@@ -178,3 +181,50 @@ CHALLENGES: dict[str, Callable[[int], Challenge]] = {
     "empty": _empty,
 }
 """What a drive can meet: seed -> Challenge."""
+
+GRID_KMH = (10, 20, 30, 40, 50, 60)
+FAR_S = 4.5
+"""A target of the grid is so far ahead."""
+
+
+def _target(kind: str, speed_kmh: int) -> Callable[[int], Challenge]:
+    """Return a cell of the grid: one target in the middle of the lane, hit in the middle if nothing is done."""
+
+    def challenge(seed: int) -> Challenge:
+        v = speed_kmh * KMH
+        ahead = max(25.0, FAR_S * v)
+        stand = {
+            "car standing": Stand(Order("car", 0), ahead, LANE_M),
+            "car at 20 km/h": Stand(Order("car", 0), max(20.0, FAR_S * (v - 20 * KMH)), LANE_M, AWAY, 20 * KMH),
+            "person crossing at 5 km/h": _crosser("person", ahead, v, 5 * KMH),
+            "bicycle crossing at 15 km/h": _crosser("cyclist", ahead, v, 15 * KMH),
+        }[kind]
+        return Challenge(_street(seed, (stand,)), length_m=ahead + 25.0, goes_on=True, speed_mps=v)
+
+    return challenge
+
+
+def _crosser(kind: str, ahead_m: float, own_mps: float, speed_mps: float) -> Stand:
+    away_m = speed_mps * (ahead_m - FRONT_M) / own_mps
+    return Stand(Order(kind, 0, walking=kind == "person"), ahead_m, LANE_M - away_m, LEFTWARDS, speed_mps)
+
+
+FRONT_M = 1.3
+"""From the cameras to the front of the car."""
+_TARGETS = ("car standing", "car at 20 km/h", "person crossing at 5 km/h", "bicycle crossing at 15 km/h")
+GRID: dict[str, Callable[[int], Challenge]] = {
+    f"grid {kind} {speed}": _target(kind, speed)
+    for kind in _TARGETS
+    for speed in GRID_KMH
+    if kind != "car at 20 km/h" or speed > 20
+}
+"""Targets as in UN R152 and Euro NCAP, at 10 to 60 km/h."""
+_KNOWN_KMH = {10: 0.0, 20: 0.0, 30: 0.0, 40: 0.0, 60: 35.0}
+ALLOWED_KMH: dict[str, float | None] = {
+    name: _KNOWN_KMH.get(int(name.rsplit(" ", 1)[1])) if "standing" in name or "person" in name else None
+    for name in GRID
+}
+"""Relative impact speed that UN R152 allows a car of class M1 in running order (people: 01 series).
+
+None where it is not known here for sure, or nothing is required.
+"""

@@ -26,7 +26,7 @@ YOUNG_S = 0.8
 """And a track older than this that still does not tell is no longer waited for."""
 SETTLED_DOUBT, YOUNG_DOUBT = 0.6, 0.85
 """What may move or stand counts once so much of the hardest braking is needed if it does as it seems to."""
-BORDER_SHARE = 0.08
+BORDER_SHARE = 0.04
 """So near to the picture's side, by its width, nothing has a velocity: the ends of walls go along with the car there."""
 COLUMN_SIGMA_PX = 0.25
 """Noise of the disparity at which a column ends."""
