@@ -148,9 +148,9 @@ def drive(scenario: str, seed: int, look: Look, film: Film | None = None) -> dic
         "outcome": ended.outcome,
         "reason": ended.reason,
         "impact_mps": ended.impact_mps,
-        "km": round((car.x_m - challenge.start_m[0]) / 1000, 4),
+        "km": round(float(car.x_m - challenge.start_m[0]) / 1000, 4),
         "nearest_m": round(log.nearest_m, 3) if np.isfinite(log.nearest_m) else None,
-        "at_m": [round(car.x_m, 2), round(car.y_m, 2)],
+        "at_m": [round(float(car.x_m), 2), round(float(car.y_m), 2)],
         "speed_mps": round(car.speed_mps, 2),
         "actions": {name: log.actions.count(name) for name in sorted(set(log.actions))},
     }

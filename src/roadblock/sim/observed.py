@@ -4,7 +4,6 @@ Every part of a thing is taken for the upright box around it; nothing is rendere
 """
 
 from functools import lru_cache
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +19,6 @@ from roadblock.values.scene import FreeSpace, Obstacle, RoadEdges
 
 COLUMN_PX = 4.0
 NEAREST_M = 1.5
-PIECE_M = 0.3
-"""Longer parts are cut into pieces."""
 
 
 class Noise(NamedTuple):
@@ -134,31 +131,30 @@ def _edges(
 
 def _columns(thing: Thing, T_car_world: FloatArray, twin: Rectification, u: FloatArray) -> FloatArray:
     """Return (n,) the forward distance of a thing in each column; infinity where it is not."""
-    world = transform(thing.T_world_thing, _pieces(thing.parts))
+    world = transform(thing.T_world_thing, _corners(thing.parts))
     p = transform(T_car_world, world)
-    z, top = p[..., 2].min(1), p[..., 1].min(1)
-    seen = (world[..., 2].min(1) < HEIGHT_M) & (world[..., 2].max(1) > OVER_M) & (z > NEAREST_M)
-    seen &= top < z * (twin.size_px[1] - twin.cy_px) / twin.f_px  # not all of it below the picture
-    at = twin.cx_px + twin.f_px * (p[seen, :, 0] + twin.baseline_m / 2) / p[seen, :, 2]
-    covered = (u >= at.min(1)[:, None]) & (u <= at.max(1)[:, None])
-    return np.asarray(np.where(covered, z[seen, None], np.inf).min(0, initial=np.inf))
+    counts = (world[..., 2].min(1) < HEIGHT_M) & (world[..., 2].max(1) > OVER_M) & (p[..., 2].max(1) > NEAREST_M)
+    if not counts.any():
+        return np.full(len(u), np.inf)
+    p, ahead = p[counts], (u - twin.cx_px) / twin.f_px
+    # Seen from above: where a column's plane crosses the lines between any two corners of a box.
+    off = p[..., :1] + twin.baseline_m / 2 - ahead * p[..., 2:]
+    begin, end = off[:, _PAIRS[0]], off[:, _PAIRS[1]]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = begin / (begin - end)
+        z = p[:, _PAIRS[0], 2, None] + share * (p[:, _PAIRS[1], 2] - p[:, _PAIRS[0], 2])[..., None]
+        top = p[..., 1].min(1)[:, None, None]
+        seen = (begin * end <= 0) & (z > NEAREST_M) & (top < z * (twin.size_px[1] - twin.cy_px) / twin.f_px)
+    return np.asarray(np.where(seen, z, np.inf).min((0, 1)))
+
+
+_PAIRS = np.triu_indices(8, 1)
 
 
 @lru_cache(maxsize=512)
-def _pieces(parts: tuple[Part, ...]) -> FloatArray:
-    """Return (n, 8, 3) corners of the boxes around parts, long ones cut into pieces, in the axes of the thing."""
-    pieces = []
-    for part in parts:
-        corners = corners_m(part, np.eye(4))
-        order = np.argsort((corners - corners.mean(0)) @ np.linalg.svd(corners - corners.mean(0))[2][0])
-        begin, end = corners[order[:4]], corners[order[4:]]
-        length = np.linalg.norm(end.mean(0) - begin.mean(0))
-        cuts = np.linspace(0, 1, max(1, int(np.ceil(length / PIECE_M))) + 1)
-        # which corner of one end belongs to which of the other: the nearest across the length
-        pair = np.argmin(np.linalg.norm((begin - begin.mean(0))[:, None] - (end - end.mean(0)), axis=2), axis=1)
-        along = [begin + cut * (end[pair] - begin) for cut in cuts]
-        pieces += [np.concatenate(two) for two in pairwise(along)]
-    return np.asarray(pieces)
+def _corners(parts: tuple[Part, ...]) -> FloatArray:
+    """Return (n, 8, 3) corners of the boxes around parts, in the axes of the thing."""
+    return np.array([corners_m(part, np.eye(4)) for part in parts])
 
 
 def _obstacle(thing: Thing, edges_px: FloatArray, d_px: float, twin: Rectification, noise: Noise) -> Obstacle:
