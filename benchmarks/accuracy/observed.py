@@ -110,7 +110,9 @@ def summary(rows: list[dict[str, float]], columns: np.ndarray, steps: np.ndarray
         table[f"{low}-{high} m"] = {
             "things": len(mine),
             "missed": round(float(np.mean([np.isnan(row["d_px"]) for row in mine] or [np.nan])), 3),
-            **{key: spread(np.array([row[key] for row in mine])) for key in ("d_px", "left_px", "right_px", "sigma_px")},
+            **{
+                key: spread(np.array([row[key] for row in mine])) for key in ("d_px", "left_px", "right_px", "sigma_px")
+            },
             "d_rms_px": round(float(np.sqrt(np.nanmean([row["d_px"] ** 2 for row in mine] or [np.nan]))), 3),
             "columns": len(at),
             "blocked_too": round(float(np.mean(at[:, 3] > 0)), 3) if len(at) else None,

@@ -120,8 +120,8 @@ def drive(scenario: str, seed: int, look: Look, film: Film | None = None) -> dic
 
     Returns
     -------
-    `scenario`, `seed`, `outcome`, `reason`, `impact_mps` (relative, along the road), `km`, `nearest_m` (to anything), `at_m` (where it ended, along and left),
-    `speed_mps` (then), and `actions` (how many frames of each).
+    `scenario`, `seed`, `outcome`, `reason`, `impact_mps` (relative, along the road), `km`, `nearest_m` (to anything),
+    `at_m` (where it ended, along and left), `speed_mps` (then), and `actions` (how many frames of each).
     """
     challenge, body = SCENARIOS[scenario](seed), Body()
     world = World(challenge)

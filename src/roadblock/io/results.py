@@ -83,9 +83,7 @@ def _decision_record(decision: Decision | None) -> dict[str, Any] | None:
     if decision is None:
         return None
     digits = {"ttc_s", "ttc_sigma_s", "deceleration_mps2", "curvature_per_m", "offset_m"}
-    return {
-        name: number(value, METRE_DIGITS) if name in digits else value for name, value in vars(decision).items()
-    }
+    return {name: number(value, METRE_DIGITS) if name in digits else value for name, value in vars(decision).items()}
 
 
 def _stixels_record(stixels: Stixels | None) -> dict[str, Any] | None:

@@ -64,7 +64,7 @@ class CarState:
 
 
 class Obstruction:
-    """A thing as its convex parts reach in `DIRECTIONS` directions on the road; those above and below the car left out."""
+    """A thing as its convex parts reach in `DIRECTIONS` directions on the road, but for those above and below the car."""
 
     def __init__(self, thing: Thing) -> None:
         self.thing = thing
@@ -85,7 +85,9 @@ class Obstruction:
             return float("inf")
         ahead = np.cos(_ANGLES - car.heading_rad)
         aside = np.abs(np.sin(_ANGLES - car.heading_rad)) * body.width_m / 2
-        reach = car.x_m * _WAYS[0] + car.y_m * _WAYS[1] + np.where(ahead > 0, body.front_m, -body.rear_m) * ahead + aside
+        reach = (
+            car.x_m * _WAYS[0] + car.y_m * _WAYS[1] + np.where(ahead > 0, body.front_m, -body.rear_m) * ahead + aside
+        )
         opposite = np.roll(self.reach_m, DIRECTIONS // 2, axis=1)
         return float((-opposite - reach).max(1).min())
 

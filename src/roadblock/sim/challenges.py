@@ -104,9 +104,7 @@ def _crossing(seed: int) -> Challenge:
 def _walking(seed: int) -> Challenge:
     rng = _rng(seed, 3)
     yaw = float(rng.choice([AWAY, TOWARDS]))
-    stand = Stand(
-        Order("person", 0, walking=True), rng.uniform(28, 36), LANE_M + rng.uniform(-0.7, 0.7), yaw, 1.3
-    )
+    stand = Stand(Order("person", 0, walking=True), rng.uniform(28, 36), LANE_M + rng.uniform(-0.7, 0.7), yaw, 1.3)
     return Challenge(_street(seed, (stand,)), goes_on=yaw == AWAY)
 
 
@@ -161,7 +159,10 @@ def _parked(seed: int) -> Challenge:
 
 def _empty(seed: int) -> Challenge:
     rng = _rng(seed, 10)
-    marks = (Mark("manhole", rng.uniform(8, 40), LANE_M, 0.7, 0.7), Mark("patch", rng.uniform(15, 45), LANE_M, 4.0, 1.6))
+    marks = (
+        Mark("manhole", rng.uniform(8, 40), LANE_M, 0.7, 0.7),
+        Mark("patch", rng.uniform(15, 45), LANE_M, 4.0, 1.6),
+    )
     zebra = replace(ZEBRA, along_m=rng.uniform(20, 40))
     road = replace(STREET, marks=(*marks, Mark("arrow", 15.0, LANE_M, 4.0, 0.9), zebra))
     return Challenge(_street(seed, (), road), length_m=50.0)

@@ -1,4 +1,4 @@
-"""A fast stand-in for cameras and detector: what would be found of a scene, with noise and misses its numbers are guesses, not fitted.
+"""A fast stand-in for cameras and detector: what would be found of a scene, with noise and misses.
 
 Every part of a thing is taken for the upright box around it; nothing is rendered.
 """
@@ -112,7 +112,13 @@ def observe(
 
 
 def _edges(
-    road: Road, car: CarState, twin: Rectification, u: FloatArray, range_m: FloatArray, rng: np.random.Generator, noise: Noise
+    road: Road,
+    car: CarState,
+    twin: Rectification,
+    u: FloatArray,
+    range_m: FloatArray,
+    rng: np.random.Generator,
+    noise: Noise,
 ) -> RoadEdges:
     """Return the kerbs of a straight road, as far as they are seen."""
     z = np.full(len(u), np.nan)

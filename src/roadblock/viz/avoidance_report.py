@@ -33,7 +33,9 @@ def draw_outcomes(result: Record) -> str:
         shares.set(xlim=(0, 1), ylim=(len(rows) - 0.5, -0.5), xlabel="share of failed drives, 95 % bounds (Wilson)")
         for outcome, color in OUTCOME_HEX.items():
             mine = [run["at_m"] for run in runs if run["outcome"] == outcome]
-            places.scatter([x for x, _ in mine], [y for _, y in mine], s=14, color=color, label=outcome, alpha=0.7, lw=0)
+            places.scatter(
+                [x for x, _ in mine], [y for _, y in mine], s=14, color=color, label=outcome, alpha=0.7, lw=0
+            )
         places.set(title="where drives ended", xlabel="along the road (m)", ylabel="to the left (m)")
         places.legend(frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0.35, 1.0))
         return svg(figure)
@@ -48,7 +50,10 @@ def page(result: Record) -> str:
     reasons = _table(("scenario", "seed", "outcome", "why"), told) if told else "<p>None.</p>"
     grid = ""
     if result["grid"]:
-        cells = [[cell["target"], f"{cell['speed_kmh']:g}", _kmh(cell["impact_kmh"]), _kmh(cell["allowed_kmh"])] for cell in result["grid"]]
+        cells = [
+            [cell["target"], f"{cell['speed_kmh']:g}", _kmh(cell["impact_kmh"]), _kmh(cell["allowed_kmh"])]
+            for cell in result["grid"]
+        ]
         grid = "<h2>Impact speeds</h2>" + _table(("target", "speed (km/h)", "impact (km/h)", "allowed (km/h)"), cells)
     how = "a model of what is found, no pictures" if result["settings"]["fast"] else "rendered pictures"
     made = [*result["settings"].items(), *result["machine"].items(), ("commit", result["commit"])]

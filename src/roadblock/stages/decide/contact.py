@@ -21,13 +21,13 @@ LEAST_ROOM_M = 0.7
 
 
 class Contact(NamedTuple):
-    """After how long, its sigma, how hard the car must brake for it, whether that is sure, and which hazard it is."""
+    """After how long, its sigma, how hard the car must brake for it, whether that is sure, and at which hazard."""
 
     ttc_s: float
     sigma_s: float
     needed_mps2: float
     is_sure: bool
-    index: int
+    at: int
 
 
 def find_contact(

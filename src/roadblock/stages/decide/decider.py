@@ -207,7 +207,7 @@ class Decider:
         found = find_contact(way, hazards, own.speed_mps, s.margin_m / 2, s)
         if self._brakes and found is None:  # would it drive on, it would stop again
             near = find_contact(way, hazards, max(own.speed_mps, CREEP_MPS), s.margin_m / 2, s)
-            if near is not None and hazards.at_m[near.index, 0] < s.front_m + s.stop_m + 1:
+            if near is not None and hazards.at_m[near.at, 0] < s.front_m + s.stop_m + 1:
                 found = near
         self._recent = [*self._recent[-s.confirm :], found is not None and found.is_sure]
         if found is None:
@@ -223,15 +223,19 @@ class Decider:
         told, number = _told(found, hazards)
         confirmed = found.is_sure and sum(self._recent) >= s.confirm
         urgent = found.needed_mps2 >= s.brake_share * s.brake_mps2
-        if confirmed and (found.ttc_s < s.swerve_s or self._brakes) and self._can_pass(hazards, found.index):
-            way = self._way_round(self._in_road(hazards), free, hazards.at_m[found.index, 0] + BEHIND_M)
+        if confirmed and (found.ttc_s < s.swerve_s or self._brakes) and self._can_pass(hazards, found.at):
+            way = self._way_round(self._in_road(hazards), free, hazards.at_m[found.at, 0] + BEHIND_M)
             if way is not None:
                 self._begin(way)
-                return self._steered(way, float(way.deceleration_mps2[0]), f"{told}; {_side(way)} is free", found, number)
+                return self._steered(
+                    way, float(way.deceleration_mps2[0]), f"{told}; {_side(way)} is free", found, number
+                )
         if self._brakes or (confirmed and urgent):
             self._brakes, self._until_ns = True, t_ns + round(1e9 * s.hold_s)
             hard = min(s.brake_mps2, max(found.needed_mps2, 0.5))
-            reason = f"{told}; no way round is free" if self._own.speed_mps > CREEP_MPS else f"{told}; standing before it"
+            reason = (
+                f"{told}; no way round is free" if self._own.speed_mps > CREEP_MPS else f"{told}; standing before it"
+            )
             return Decision("brake", reason, found.ttc_s, found.sigma_s, hard, obstacle_id=number)
         if found.ttc_s < s.warn_s or urgent:
             doubt = "" if confirmed else "; not sure enough to act"
@@ -239,7 +243,7 @@ class Decider:
         return Decision("none", told, found.ttc_s, found.sigma_s, obstacle_id=number)
 
     def _can_pass(self, hazards: Hazards, index: int) -> bool:
-        """Return whether what is in the way can be driven round: it stands or walks along for sure, on a straight road."""
+        """Return whether what is in the way stands or walks along for sure, on a straight road."""
         ahead, aside = np.abs(hazards.velocity_mps[index])
         slow = bool(ahead < PASSED_MPS and aside < CROSSING_MPS)
         known = bool(hazards.doubt[index] == 0) or self._brakes
@@ -248,9 +252,7 @@ class Decider:
     def _in_road(self, hazards: Hazards) -> Hazards:
         """Return hazards in the axes of the road."""
         askew = self._own.askew_rad
-        return hazards._replace(
-            at_m=turned(hazards.at_m, askew), velocity_mps=turned(hazards.velocity_mps, askew)
-        )
+        return hazards._replace(at_m=turned(hazards.at_m, askew), velocity_mps=turned(hazards.velocity_mps, askew))
 
     def _begin(self, way: Ways) -> None:
         here = turned(self._own.at_m[None], -self._own.road_rad)[0]
@@ -259,7 +261,7 @@ class Decider:
         self._way, self._begun_m, self._blocked, self._brakes = way, here, 0, False
 
     def _way_round(self, hazards: Hazards, free: FreeSpace, until_m: float) -> Ways | None:
-        """Return the way aside nearest to the one it is on that is drivable, free and seen to be road; None without one."""
+        """Return the way nearest to the one it is on that is drivable, free and seen to be road; None without one."""
         s, own = self.settings, self._own
         here = turned(own.at_m[None], -own.road_rad)[0]
         aside_m = here[1] - self._line_m if self._way is not None else 0.0
@@ -309,9 +311,11 @@ class Decider:
         self._blocked = self._blocked + 1 if blocked else 0
         if found is None or self._blocked < BLOCKED:
             number = self._last.obstacle_id
-            return self._steered(rest, float(rest.deceleration_mps2[0]), f"on the way round; {_side(rest)} is free", None, number)
+            return self._steered(
+                rest, float(rest.deceleration_mps2[0]), f"on the way round; {_side(rest)} is free", None, number
+            )
         told, number = _told(found, in_road)
-        other = self._way_round(in_road, free, in_road.at_m[found.index, 0] + BEHIND_M)
+        other = self._way_round(in_road, free, in_road.at_m[found.at, 0] + BEHIND_M)
         if other is not None:
             self._begin(other)
             slower = float(other.deceleration_mps2[0])
@@ -358,10 +362,10 @@ def _side(way: Ways) -> str:
 def _told(found: Contact, hazards: Hazards) -> tuple[str, int | None]:
     """Return in words what is in the way, and the number of its track, if it has one."""
     at_m, numbers = hazards.at_m, hazards.number
-    number = int(numbers[found.index])
-    near = (numbers > 0) & (np.hypot(*(at_m - at_m[found.index]).T) < SAME_M)
+    number = int(numbers[found.at])
+    near = (numbers > 0) & (np.hypot(*(at_m - at_m[found.at]).T) < SAME_M)
     if not number and near.any():
         number = int(numbers[near][0])
     what = f"obstacle {number}" if number else "something"
-    moves = ", which moves," if hazards.moves[found.index] else ""
-    return f"{what}{moves} {at_m[found.index, 0]:.1f} m ahead, contact in {found.ttc_s:.1f} s", number or None
+    moves = ", which moves," if hazards.moves[found.at] else ""
+    return f"{what}{moves} {at_m[found.at, 0]:.1f} m ahead, contact in {found.ttc_s:.1f} s", number or None

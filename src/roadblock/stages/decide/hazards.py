@@ -27,7 +27,7 @@ YOUNG_S = 0.8
 SETTLED_DOUBT, YOUNG_DOUBT = 0.6, 0.85
 """What may move or stand counts once so much of the hardest braking is needed if it does as it seems to."""
 BORDER_SHARE = 0.04
-"""So near to the picture's side, by its width, nothing has a velocity: the ends of walls go along with the car there."""
+"""So near to the picture's side, by its width, nothing has a velocity: ends of walls go along with the car there."""
 COLUMN_SIGMA_PX = 0.25
 """Noise of the disparity at which a column ends."""
 
@@ -70,7 +70,8 @@ class Hazards(NamedTuple):
 
     def where(self, mask: NDArray[np.bool_]) -> "Hazards":
         """Return some of the points."""
-        return Hazards(*(part[mask] for part in self))
+        at_m, velocity, sigma, sigma_mps, number, doubt = self
+        return Hazards(at_m[mask], velocity[mask], sigma[mask], sigma_mps[mask], number[mask], doubt[mask])
 
     @property
     def moves(self) -> NDArray[np.bool_]:
@@ -143,9 +144,7 @@ class Layout:
         u0, _, u1, _ = o.box_px
         near_m = BESIDE_SHARE * o.range_m + np.nan_to_num(o.size_m[2])
         with np.errstate(invalid="ignore"):
-            return np.asarray(
-                (free.u_px >= u0) & (free.u_px < u1) & (np.abs(free.range_m - o.range_m) <= near_m)
-            )
+            return np.asarray((free.u_px >= u0) & (free.u_px < u1) & (np.abs(free.range_m - o.range_m) <= near_m))
 
     def standing_ends(self, obstacles: Sequence[Obstacle], free: FreeSpace) -> NDArray[np.bool_]:
         """Return (n,) which columns end at something that does not move as far as is known, and not alone."""

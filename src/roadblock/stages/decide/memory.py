@@ -11,7 +11,7 @@ from roadblock.values.motion import EgoMotion
 
 CELL_M = 0.2
 MOST, SURE = 6, 3
-"""Evidence for a cell: one for each frame that saw something there, one less for each that saw free road, up to MOST."""
+"""Evidence for a cell, at most `MOST`: one for each frame that saw something there, less one for each that did not."""
 AHEAD_M, BESIDE_M, BEHIND_M = 30.0, 10.0, 4.0
 """What is further away is forgotten."""
 ROAD_SHARE = 0.15
