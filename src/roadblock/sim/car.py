@@ -64,7 +64,7 @@ class CarState:
 
 
 class Obstruction:
-    """A thing as its convex parts reach in `DIRECTIONS` directions on the road, but for those above and below the car."""
+    """A thing as its convex parts reach in `DIRECTIONS` on the road, without those above or below the car."""
 
     def __init__(self, thing: Thing) -> None:
         self.thing = thing

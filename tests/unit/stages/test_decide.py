@@ -246,7 +246,9 @@ def test_a_standing_car_stays_where_it_is_before_something() -> None:
     for k in range(60):
         t_ns = START_NS + k * 100_000_000
         now = replace(thing, x=x)
-        decision = decider.decide([obstacle(now)], free_space([now]), step(t_ns, v * FRAME_S) if k else None, t_ns, ROAD)
+        decision = decider.decide(
+            [obstacle(now)], free_space([now]), step(t_ns, v * FRAME_S) if k else None, t_ns, ROAD
+        )
         actions.append(decision.action)
         v = max(0.0, v - decision.deceleration_mps2 * FRAME_S) if decision.action == "brake" else min(v + 0.15, SPEED)
         x -= v * FRAME_S
