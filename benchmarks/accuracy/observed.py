@@ -70,7 +70,7 @@ def frames(scenario: str, seed: int) -> Iterator[tuple[FrameResult, Observed, Ob
         if any(o.range_m < TOLERATED_M and abs(o.position_m[1]) < 1.5 for o in exact.obstacles):
             return
         result = look(challenge, t_s, car)[1]
-        assert result is not None  # noqa: S101
+        assert result is not None
         yield result, noisy, exact
         car = replace(car, x_m=car.x_m + SPEED_MPS * FRAME_S)
 
@@ -94,11 +94,11 @@ def compare(seen: FrameResult | Observed, exact: Observed) -> list[list[float]]:
 
 
 def compare_columns(seen: FrameResult | Observed, exact: Observed) -> np.ndarray:
-    """Return (n, 3) per column that ends at something: its range; the range there as seen, and whether it is blocked."""
+    """Return (n, 3) per column that ends at something: its range, the range as seen, and whether that is blocked."""
     free, true = seen.free_space, exact.free_space
     at = np.clip(np.searchsorted(free.u_px, true.u_px), 0, len(free.u_px) - 1)
-    assert free.is_blocked is not None  # noqa: S101
-    assert true.is_blocked is not None  # noqa: S101
+    assert free.is_blocked is not None
+    assert true.is_blocked is not None
     return np.stack([true.range_m, free.range_m[at], free.is_blocked[at]], 1)[true.is_blocked]
 
 
@@ -126,7 +126,7 @@ def band_rows(who: str, band: tuple[int, int], things: np.ndarray, columns: np.n
 def spread(values: np.ndarray) -> str:
     """Return median and half the distance of the percentiles of one standard deviation."""
     values = values[np.isfinite(values)]
-    if len(values) < 5:  # noqa: PLR2004
+    if len(values) < 5:
         return ""
     low, middle, high = np.percentile(values, [16, 50, 84])
     return f"{middle:+.2f} +- {(high - low) / 2:.2f}"

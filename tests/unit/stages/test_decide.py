@@ -280,27 +280,74 @@ def test_bad_stamps_change_nothing_and_a_gap_begins_anew() -> None:
     assert later is not first
 
 
+@dataclass
+class Obeyed:
+    """A car that obeys exactly, in closed form; things by their place over ground, from a moment on."""
+
+    things: list[tuple[float, Thing]]
+    told: list[Decision] = field(default_factory=list)
+    nearest_m: float = 99.0
+    speed: float = SPEED
+    heading: float = 0.0
+
+    def run(self, frames: int, decider: Decider | None = None) -> "Obeyed":
+        decider, x, y, before = decider or Decider(TWIN), 0.0, 0.0, (0.0, 0.0, 0.0)
+        for k in range(frames):
+            c, s = math.cos(self.heading), math.sin(self.heading)
+            there = [t.at(k * FRAME_S) for since, t in self.things if k * FRAME_S >= since]
+            seen = [replace(t, x=(t.x - x) * c + (t.y - y) * s, y=(t.y - y) * c - (t.x - x) * s) for t in there]
+            ahead = [t for t in seen if t.x > 1.5]
+            t_ns = START_NS + k * 100_000_000
+            ego = step(t_ns, float(np.hypot(x - before[0], y - before[1])), self.heading - before[2]) if k else None
+            decision = decider.decide([obstacle(t) for t in ahead], free_space(ahead), ego, t_ns, ROAD)
+            self.told.append(decision)
+            before = (x, y, self.heading)
+            self.speed = max(0.0, self.speed - decision.deceleration_mps2 * FRAME_S)
+            self.heading += decision.curvature_per_m * self.speed * FRAME_S
+            x += self.speed * FRAME_S * math.cos(self.heading)
+            y += self.speed * FRAME_S * math.sin(self.heading)
+            for t in there:
+                if -SETTINGS.rear_m < t.x - x < SETTINGS.front_m:
+                    self.nearest_m = min(self.nearest_m, abs(t.y - y) - (SETTINGS.width_m + t.width) / 2)
+        return self
+
+    @property
+    def actions(self) -> list[str]:
+        return [decision.action for decision in self.told]
+
+
 def test_a_swerve_is_driven_to_its_end() -> None:
-    """A car that obeys exactly, in closed form: it passes the thing with room, parallel to the road at last."""
-    decider, x, y, heading, actions, nearest = Decider(TWIN), 0.0, 0.0, 0.0, [], 9.0
-    thing, before = Thing(32.0, 0.2), (0.0, 0.0, 0.0)
-    for k in range(60):
-        c, s = math.cos(heading), math.sin(heading)
-        dx, dy = thing.x - x, thing.y - y
-        now = [Thing(dx * c + dy * s, dy * c - dx * s)] if dx * c + dy * s > 1.5 else []
-        t_ns, moved = START_NS + k * 100_000_000, np.hypot(x - before[0], y - before[1])
-        ego = step(t_ns, float(moved), heading - before[2]) if k else None
-        decision = decider.decide([obstacle(t) for t in now], free_space(now), ego, t_ns, ROAD)
-        actions.append(decision.action)
-        before = (x, y, heading)
-        heading += decision.curvature_per_m * SPEED * FRAME_S
-        x, y = x + SPEED * FRAME_S * math.cos(heading), y + SPEED * FRAME_S * math.sin(heading)
-        if -SETTINGS.rear_m < thing.x - x < SETTINGS.front_m:
-            nearest = min(nearest, abs(thing.y - y) - SETTINGS.width_m / 2 - thing.width / 2)
-    assert nearest > SETTINGS.margin_m / 2
-    assert actions[-1] == "none"
-    assert abs(heading) < 0.05
-    assert "brake" not in actions
+    """It passes with room, parallel to the road at last."""
+    drive = Obeyed([(0.0, Thing(32.0, 0.2))]).run(60)
+    assert drive.nearest_m > SETTINGS.margin_m / 2
+    assert drive.actions[-1] == "none"
+    assert abs(drive.heading) < 0.05
+    assert "brake" not in drive.actions
+
+
+def test_a_way_that_gets_blocked_is_changed() -> None:
+    first = Thing(30.0, 0.2)
+    second = Thing(38.0, -2.8, 1.0, id=4)  # where the way past the first one leads
+    drive = Obeyed([(0.0, first), (2.2, second)]).run(60)
+    assert drive.told[21].action == "swerve"
+    assert drive.nearest_m > 0
+    assert any("on the way round: obstacle 4" in told.reason for told in drive.told)
+
+
+def test_a_way_that_ends_is_braked_on() -> None:
+    drive = Obeyed([(0.0, Thing(30.0, 0.2)), (2.0, Thing(38.0, 0.0, 30.0, id=4))]).run(60)
+    assert "brake" in drive.actions[drive.actions.index("swerve") :]
+    assert any("braking on it" in told.reason for told in drive.told)
+    assert drive.speed < 1.5
+    gentle = Obeyed([(0.0, Thing(22.0, 0.2)), (1.3, Thing(37.0, 0.0, 30.0, id=4))]).run(32)
+    assert any("slowing down" in told.reason for told in gentle.told)
+
+
+def test_a_swerve_keeps_out_of_the_way_of_oncoming_cars() -> None:
+    things = [(0.0, Thing(30.0, -0.3)), (0.0, Thing(50.0, 2.6, 1.8, (-8.0, 0.0), "moving", id=4))]
+    drive = Obeyed(things).run(30)
+    assert drive.told[drive.actions.index("swerve")].offset_m < 0
+    assert drive.nearest_m > 0
 
 
 def test_ways_begin_where_the_car_is_and_end_along_the_road() -> None:

@@ -16,6 +16,8 @@ AHEAD_S = 4.0
 """What is further off does not count."""
 BESIDE_M = 0.2
 """What is further behind the front is beside the car."""
+WARY_M, MOST_WARY_M = 0.3, 1.0
+"""A wary car gives what moves this much more room, and its sigma on top, but not more than the second."""
 LEAST_ROOM_M = 0.7
 """Room before what it stops for, where it is too late for `stop_m`."""
 
@@ -31,12 +33,13 @@ class Contact(NamedTuple):
 
 
 def find_contact(
-    way: Ways, hazards: Hazards, speed_mps: float, margin_m: float, settings: DecideSettings
+    way: Ways, hazards: Hazards, speed_mps: float, margin_m: float, settings: DecideSettings, *, wary: bool = False
 ) -> Contact | None:
     """Return what the car touches first on a way (one) within `AHEAD_S`; None if nothing.
 
     Hazards are in the axes of the way. What is only beside it, and not known to come into it, never counts. Where
-    several are in the way, the one that needs the hardest braking tells how hard.
+    several are in the way, the one that needs the hardest braking tells how hard. A wary car (one that brakes already)
+    gives what moves the room by which its way may be mistaken.
     """
     s = settings
     if not len(hazards.at_m):
@@ -52,7 +55,9 @@ def find_contact(
     low, high = (part[0] for part in swept(way, x, s))
     ends = hazards.at_m[:, 1] + aside * np.where(arrives, [ttc, passed], 0.0)
     now = hazards.at_m[:, 1]
-    hit = arrives & (ends.min(0) < high + margin_m) & (ends.max(0) > low - margin_m)
+    mistaken_m = np.minimum(WARY_M + hazards.sigma_mps[:, 1] * np.where(arrives, ttc, 0.0), MOST_WARY_M)
+    room = margin_m + np.where(hazards.moves & wary, mistaken_m, 0.0)
+    hit = arrives & (ends.min(0) < high + room) & (ends.max(0) > low - room)
     hit &= (hazards.doubt == 0) | ((now < high + margin_m) & (now > low - margin_m))
     if not hit.any():
         return None
@@ -60,7 +65,7 @@ def find_contact(
     counts = hit & (needed >= hazards.doubt * s.brake_mps2)
     of = counts if counts.any() else hit
     first = int(np.argmin(np.where(of, ttc, np.inf)))
-    sigma = math.hypot(hazards.sigma_m[first], ttc[first] * hazards.sigma_mps[first]) / closing[first]
+    sigma = math.hypot(hazards.sigma_m[first], ttc[first] * hazards.sigma_mps[first, 0]) / closing[first]
     hardest = float(needed[of].max())
     return Contact(float(ttc[first]), float(sigma), hardest, bool(counts.any()), first)
 

@@ -1,7 +1,7 @@
 """The decider: what stands or moves in the car's way, and what to do about it; remembers the last moments."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ FREE_SIGMAS, FREE_M = 2.0, 0.3
 FOOT_M = 1.0
 """The road must be in view this much before a cell to contradict it."""
 LOST_S, LOST_M = 1.5, 8.0
-"""What moved and went out of view so near is taken to go on so long."""
+"""What moved for sure is taken to go on so long, also out of view if it is so near."""
 KERB_M = 0.15
 """Room to a kerb or a verge."""
 BEHIND_M = 3.0
@@ -163,8 +163,9 @@ class Decider:
             reach = np.where(np.isfinite(edge), edge, free.range_m)
             self._remember(self._kerbs, free, reach, np.isfinite(edge))
         stood = Hazards.of(self._own.from_here(self._stood.at_m), sigma_m=CELL_M)
-        faces = [_still(face, stood.at_m) for face in self._layout.faces(obstacles, free)]
-        return Hazards.joined([stood, *faces, *self._lost(faces)])
+        faces = [_still(face, stood.at_m) for face in self._layout.faces(obstacles, free, self._movers)]
+        sure = {o.track.id for o in obstacles if o.track is not None and o.track.motion == "moving"}
+        return Hazards.joined([stood, *faces, *self._lost(faces, sure)])
 
     def _remember(self, memory: Memory, free: FreeSpace, reach_m: FloatArray, ends: NDArray[np.bool_]) -> None:
         layout, own = self._layout, self._own
@@ -181,22 +182,21 @@ class Decider:
         memory.doubt(is_free)
         memory.forget(own)
 
-    def _lost(self, faces: Sequence[Hazards]) -> list[Hazards]:
-        """Return what moved, was near and is out of view, moved on; and keep what moves now."""
-        own, now = self._own, {int(face.number[0]) for face in faces}
+    def _lost(self, faces: Sequence[Hazards], sure: Set[int]) -> list[Hazards]:
+        """Keep what moves for sure; return what did, was near and is out of view, moved on."""
+        own, seen = self._own, {int(face.number[0]): face for face in faces}
+        for number in [number for number, (_, t_ns) in self._movers.items() if self._t_ns - t_ns > 1e9 * LOST_S]:
+            del self._movers[number]
+        for number in sure & seen.keys():
+            face = seen[number]
+            velocity = turned(face.velocity_mps, own.heading_rad)
+            kept = face._replace(at_m=own.remembered(face.at_m), velocity_mps=velocity)
+            self._movers[number] = (kept, self._t_ns)
         gone = []
-        for number, (face, t_ns) in list(self._movers.items()):
-            late_s = (self._t_ns - t_ns) / 1e9
-            if number in now or late_s > LOST_S:
-                del self._movers[number]
-            else:
-                at_m = own.from_here(face.at_m + face.velocity_mps * late_s)
+        for face, t_ns in (mover for number, mover in self._movers.items() if number not in seen):
+            at_m = own.from_here(face.at_m + face.velocity_mps * ((self._t_ns - t_ns) / 1e9))
+            if at_m[:, 0].min() < LOST_M:
                 gone.append(face._replace(at_m=at_m, velocity_mps=turned(face.velocity_mps, -own.heading_rad)))
-        for face in faces:
-            if face.moves[0] and face.doubt[0] == 0 and face.at_m[:, 0].min() < LOST_M:
-                velocity = turned(face.velocity_mps, own.heading_rad)
-                kept = face._replace(at_m=own.remembered(face.at_m), velocity_mps=velocity)
-                self._movers[int(face.number[0])] = (kept, self._t_ns)
         return gone
 
     def _choose(self, hazards: Hazards, free: FreeSpace) -> Decision:
@@ -204,9 +204,9 @@ class Decider:
             return self._follow(hazards, free)
         own, s = self._own, self.settings
         way = straight_on(own.yaw_rate_radps / max(own.speed_mps, 3.0) / 2)
-        found = find_contact(way, hazards, own.speed_mps, s.margin_m / 2, s)
+        found = find_contact(way, hazards, own.speed_mps, s.margin_m / 2, s, wary=self._brakes)
         if self._brakes and found is None:  # would it drive on, it would stop again
-            near = find_contact(way, hazards, max(own.speed_mps, CREEP_MPS), s.margin_m / 2, s)
+            near = find_contact(way, hazards, max(own.speed_mps, CREEP_MPS), s.margin_m / 2, s, wary=True)
             if near is not None and hazards.at_m[near.at, 0] < s.front_m + s.stop_m + 1:
                 found = near
         self._recent = [*self._recent[-s.confirm :], found is not None and found.is_sure]

@@ -1,6 +1,6 @@
 """What a car could run into, as points on the road with velocities; and which of the road was seen to be free."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -35,9 +35,9 @@ COLUMN_SIGMA_PX = 0.25
 class Hazards(NamedTuple):
     """Points (n) in the axes of the vehicle, seen from the cameras.
 
-    `at_m` (n, 2) forward and left; `velocity_mps` (n, 2) over ground; `sigma_m` of the distance, `sigma_mps` of the
-    velocity; `number` of the track, 0 = none; `doubt`: the share of the hardest braking that must be needed before it
-    counts at all, 0 where it is known that it moves, or that it stands.
+    `at_m` (n, 2) forward and left; `velocity_mps` (n, 2) over ground; `sigma_m` of the distance, `sigma_mps` (n, 2) of
+    the velocity; `number` of the track, 0 = none; `doubt`: the share of the hardest braking that must be needed before
+    it counts at all, 0 where it is known that it moves, or that it stands.
     """
 
     at_m: FloatArray
@@ -53,7 +53,7 @@ class Hazards(NamedTuple):
         at_m: FloatArray,
         velocity_mps: FloatArray = np.zeros(2),  # noqa: B008 - never written to
         sigma_m: FloatArray | float = 0.2,
-        sigma_mps: float = 0.0,
+        sigma_mps: FloatArray = np.zeros(2),  # noqa: B008
         number: int = 0,
         doubt: float = 0.0,
     ) -> Self:
@@ -61,7 +61,8 @@ class Hazards(NamedTuple):
         n = len(at_m)
         speeds = np.broadcast_to(velocity_mps, (n, 2))
         sigmas = np.broadcast_to(np.asarray(sigma_m, float), n)
-        return cls(at_m, speeds, sigmas, np.full(n, sigma_mps), np.full(n, number), np.full(n, doubt))
+        sigmas_mps = np.broadcast_to(sigma_mps, (n, 2))
+        return cls(at_m, speeds, sigmas, sigmas_mps, np.full(n, number), np.full(n, doubt))
 
     @classmethod
     def joined(cls, parts: Sequence["Hazards"]) -> Self:
@@ -109,11 +110,12 @@ class Layout:
         r = self.rectification
         return np.asarray(range_m**2 / (r.f_px * r.baseline_m) * COLUMN_SIGMA_PX)
 
-    def faces(self, obstacles: Sequence[Obstacle], free: FreeSpace) -> list[Hazards]:
-        """Return the faces of all obstacles that have a track, one by one."""
-        return [self._face(o, free) for o in obstacles if o.track is not None and o.track.coasted_s <= LONGEST_COAST_S]
+    def faces(self, obstacles: Sequence[Obstacle], free: FreeSpace, movers: Collection[int] = ()) -> list[Hazards]:
+        """Return the faces of all obstacles that have a track, one by one; `movers` are known to move from before."""
+        tracked = [o for o in obstacles if o.track is not None and o.track.coasted_s <= LONGEST_COAST_S]
+        return [self._face(o, free, movers) for o in tracked]
 
-    def _face(self, o: Obstacle, free: FreeSpace) -> Hazards:
+    def _face(self, o: Obstacle, free: FreeSpace, movers: Collection[int]) -> Hazards:
         assert o.track is not None  # noqa: S101
         mine = self._columns_of(o, free)
         if mine.sum() > 1:  # its columns tell how a side runs, the obstacle itself how near it comes
@@ -123,11 +125,10 @@ class Layout:
             aside = np.linspace(-half, half, max(2, int(np.ceil(2 * half / FACE_STEP_M)) + 1))
             forward, left = o.position_m[:2] - self.origin_m
             at_m = np.stack([np.full(len(aside), forward), left + aside], 1)
-        velocity, doubt = self._velocity_mps(o)
-        sigma_mps = float(o.track.velocity_sigma_mps.max())
-        return Hazards.of(at_m, velocity, o.range_sigma_m, sigma_mps, o.track.id, doubt)
+        velocity, doubt = self._velocity_mps(o, movers)
+        return Hazards.of(at_m, velocity, o.range_sigma_m, o.track.velocity_sigma_mps, o.track.id, doubt)
 
-    def _velocity_mps(self, o: Obstacle) -> tuple[FloatArray, float]:
+    def _velocity_mps(self, o: Obstacle, movers: Collection[int] = ()) -> tuple[FloatArray, float]:
         """Return (2,) velocity over ground, as far as it is known, and how much that is in doubt."""
         assert o.track is not None  # noqa: S101
         track, width = o.track, self.rectification.size_px[0]
@@ -135,7 +136,7 @@ class Layout:
         is_cut = o.box_px[0] < BORDER_SHARE * width or o.box_px[2] > (1 - BORDER_SHARE) * width
         if track.motion == "standing" or is_cut or not track.is_over_ground:
             return np.zeros(2), doubt
-        if track.motion == "moving" and track.age_s >= SETTLED_S:
+        if track.id in movers or (track.motion == "moving" and track.age_s >= SETTLED_S):
             return track.velocity_mps, 0.0
         known = np.abs(track.velocity_mps) > 2 * track.velocity_sigma_mps
         return np.where(known, track.velocity_mps, 0.0), doubt

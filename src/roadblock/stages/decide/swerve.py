@@ -150,7 +150,7 @@ def clear_of_moving(
     v = speeds(ways, s[None, :], max(speed_mps, SLOWEST_MPS))
     t = np.concatenate([np.zeros((len(v), 1)), np.cumsum(2 * np.diff(s) / (v[:, 1:] + v[:, :-1]), axis=1)], 1)
     x_thing, y_thing = (moving.at_m[:, i, None, None] + moving.velocity_mps[:, i, None, None] * t for i in (0, 1))
-    room = settings.width_m / 2 + settings.margin_m + SHY * moving.sigma_mps[:, None, None] * t
+    room = settings.width_m / 2 + settings.margin_m + SHY * moving.sigma_mps[:, 1, None, None] * t
     along = (x_thing - THICK_M < s + settings.front_m) & (x_thing + THICK_M > s - settings.rear_m)
     return np.asarray(~((np.abs(y_thing - y) < room) & along).any(axis=(0, 2)))
 
