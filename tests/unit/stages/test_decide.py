@@ -453,3 +453,26 @@ def test_where_something_stood_nothing_moves() -> None:
         seen = free_space([standing])
         decision = decider.decide([obstacle(claimed)], seen, step(t_ns, 0.4) if k else None, t_ns, ROAD)
     assert decision.action == "none"
+
+
+def test_a_wary_car_gives_more_room_to_what_moves() -> None:
+    gone = Hazards.of(np.array([[13.3, -0.9]]), np.array([0.0, 1.5]), sigma_mps=np.array([0.1, 0.3]))  # 1.5 s away
+    contacts = [find_contact(straight_on(), gone, 8.0, 0.2, SETTINGS, wary=wary) for wary in (False, True)]
+    assert [contact is not None for contact in contacts] == [False, True]
+    still = gone._replace(velocity_mps=np.zeros((1, 2)), at_m=np.array([[13.3, -1.2]]))
+    assert find_contact(straight_on(), still, 8.0, 0.2, SETTINGS, wary=True) is None
+
+
+def test_what_moved_for_sure_is_not_doubted_at_once() -> None:
+    def told(forgets_s: float) -> list[str]:
+        decider, actions = Decider(TWIN), []
+        for k in range(22):
+            t_s, t_ns = k * FRAME_S, START_NS + k * 100_000_000
+            walker = Thing(26.0 - SPEED * t_s, -4.6 + 1.5 * t_s, 0.5, (0.0, 1.5), "moving")
+            if t_s >= forgets_s:
+                walker = replace(walker, motion="unknown", sigma_mps=1.0)
+            actions.append(decider.decide([obstacle(walker)], free_space([]), step(t_ns), t_ns, ROAD).action)
+        return actions
+
+    assert "brake" in told(0.8)
+    assert "brake" not in told(0.0)  # never known to move, and not in the way yet
