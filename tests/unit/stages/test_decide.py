@@ -470,7 +470,7 @@ def test_what_moved_for_sure_is_not_doubted_at_once() -> None:
             t_s, t_ns = k * FRAME_S, START_NS + k * 100_000_000
             walker = Thing(26.0 - SPEED * t_s, -4.6 + 1.5 * t_s, 0.5, (0.0, 1.5), "moving")
             if t_s >= forgets_s:
-                walker = replace(walker, motion="unknown", sigma_mps=1.0)
+                walker = replace(walker, motion="unknown", sigma_mps=0.6)
             actions.append(decider.decide([obstacle(walker)], free_space([]), step(t_ns), t_ns, ROAD).action)
         return actions
 

@@ -136,10 +136,9 @@ class Layout:
         is_cut = o.box_px[0] < BORDER_SHARE * width or o.box_px[2] > (1 - BORDER_SHARE) * width
         if track.motion == "standing" or is_cut or not track.is_over_ground:
             return np.zeros(2), doubt
-        if track.id in movers or (track.motion == "moving" and track.age_s >= SETTLED_S):
-            return track.velocity_mps, 0.0
-        known = np.abs(track.velocity_mps) > 2 * track.velocity_sigma_mps
-        return np.where(known, track.velocity_mps, 0.0), doubt
+        is_known = track.id in movers or (track.motion == "moving" and track.age_s >= SETTLED_S)
+        sure = np.abs(track.velocity_mps) > 2 * track.velocity_sigma_mps
+        return np.where(sure, track.velocity_mps, 0.0), 0.0 if is_known else doubt
 
     def _columns_of(self, o: Obstacle, free: FreeSpace) -> NDArray[np.bool_]:
         u0, _, u1, _ = o.box_px
