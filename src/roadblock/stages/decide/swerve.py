@@ -29,6 +29,10 @@ SHY = 0.5
 """More room by this share of how far what moves may have gone by mistake."""
 
 
+_CHOOSE = np.array([[math.comb(j, k) for j in range(6)] for k in range(6)], float)
+_LAG = np.maximum(np.arange(6) - np.arange(6)[:, None], 0)
+
+
 class Ways(NamedTuple):
     """Ways (m) from the car in the axes of the road: `y(s) = sum(c_k s^k)` up to `length_m`, then straight on.
 
@@ -60,9 +64,8 @@ class Ways(NamedTuple):
     def from_point(self, along_m: float, left_m: float) -> "Ways":
         """Return the rest of one way, seen from a point on or beside it."""
         along = min(max(along_m, 0.0), float(self.length_m[0]))
-        c = np.zeros(6)
-        rest = np.poly1d(self.coefficients[0][::-1])(np.poly1d([1.0, along])) - left_m
-        c[: len(rest.coeffs)] = rest.coeffs[::-1]
+        c = (_CHOOSE * along**_LAG) @ self.coefficients[0]
+        c[0] -= left_m
         return self._replace(coefficients=c[None], length_m=np.maximum(self.length_m - along, 1e-3))
 
 
