@@ -224,8 +224,8 @@ _KNOWN_KMH = {10: 0.0, 20: 0.0, 30: 0.0, 40: 0.0, 60: 35.0}
 ALLOWED_KMH: dict[str, float | None] = {
     name: _KNOWN_KMH.get(int(name.rsplit(" ", 1)[1])) if "standing" in name or "person" in name else None
     for name in GRID
-}
+} | {"grid person crossing at 5 km/h 10": None}
 """Relative impact speed that UN R152 allows a car of class M1 in running order (people: 01 series).
 
-None where it is not known here for sure, or nothing is required.
+None where it is not known here for sure, or nothing is required (people below 20 km/h).
 """
