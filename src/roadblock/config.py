@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from roadblock.errors import SettingsError
 from roadblock.stages.bands import BandsSettings
+from roadblock.stages.decide import DecideSettings
 from roadblock.stages.egomotion import EgomotionSettings
 from roadblock.stages.fuse import FuseSettings
 from roadblock.stages.ground import GroundSettings
@@ -47,6 +48,7 @@ class Settings(BaseModel):
     egomotion: EgomotionSettings = EgomotionSettings()
     track: TrackSettings = TrackSettings()
     fuse: FuseSettings = FuseSettings()
+    decide: DecideSettings = DecideSettings()
 
 
 def load_settings(path: Path | None = None, assignments: Iterable[str] = ()) -> Settings:

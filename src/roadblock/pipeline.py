@@ -8,6 +8,7 @@ from time import perf_counter
 from roadblock.config import Settings
 from roadblock.detectors import make_detector
 from roadblock.errors import SourceError
+from roadblock.stages.decide import Decider
 from roadblock.stages.egomotion import Odometer
 from roadblock.stages.fuse import FreeSpaceMemory
 from roadblock.stages.health import judge, looks_swapped
@@ -51,6 +52,7 @@ class Pipeline:
         self._measure_ego = Odometer(self.rectification, self.settings.egomotion)
         self._remember = FreeSpaceMemory(self.rectification, self.settings.fuse)
         self._tracker = Tracker(self.rectification, rig.T_vehicle_car, self.settings.track)
+        self._decider = Decider(self.rectification, rig.T_vehicle_car, self.settings.decide)
 
     @property
     def network_sha256(self) -> str | None:
@@ -94,7 +96,7 @@ class Pipeline:
         health = judge(found, self.settings.health)
         if health.state != "ok" and looks_swapped(rectified):
             raise SourceError(f"frame {pair.name}: the left and right images look swapped: exchange them")
-        ego, free_space = None, found.free_space
+        ego, free_space, decision = None, found.free_space, None
         if self.settings.track.enabled and pair.t_ns != 0:  # single frames have no moment
             with _timed(timings_ms, "egomotion"):
                 ego = self._measure_ego(rectified, pair.T_odom_left)
@@ -103,6 +105,9 @@ class Pipeline:
             with _timed(timings_ms, "track"):
                 obstacles = self._tracker.update(obstacles, pair.t_ns, ego, found.free_space)
                 obstacles = weigh_motion(obstacles, self.settings.recognize.least_probability)
+            if self.settings.decide.enabled:
+                with _timed(timings_ms, "decide"):
+                    decision = self._decider.decide(obstacles, free_space, ego, pair.t_ns, found.ground)
         timings_ms["total"] = sum(timings_ms.values())
         result = FrameResult(
             pair.index,
@@ -115,6 +120,7 @@ class Pipeline:
             timings_ms,
             ego,
             found.stixels,
+            decision,
         )
         return result, rectified
 

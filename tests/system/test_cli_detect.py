@@ -11,6 +11,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -18,10 +19,13 @@ import pytest
 
 import roadblock as package
 from roadblock.cli import main
+from roadblock.cli.detect import Tally, report
 from roadblock.errors import OutputError
 from roadblock.io.results import JsonlSink, read_results
 from roadblock.io.rig import read_rig, write_rig
 from roadblock.values.camera import RigCovariance, rig_parameters
+from roadblock.values.decision import Decision
+from roadblock.values.scene import FrameResult, FreeSpace, Health
 from roadblock.viz.sinks import VideoSink
 
 COMMAND_LINE = "from roadblock.cli import main; main()"
@@ -116,6 +120,19 @@ def test_a_sequence_is_tracked(roadblock, sequence: Path) -> None:
     roadblock("detect", sequence, "--out", "results", "--set", "track.enabled=false")
     *_, last = read_results(Path("results/obstacles.jsonl"))
     assert [o["id"] for o in last["obstacles"]] == [None] * len(last["obstacles"])
+
+
+def test_each_decision_is_told_once(capsys: pytest.CaptureFixture[str]) -> None:
+    tally, free = Tally(interrupted=False), FreeSpace(np.zeros(0), np.zeros(0))
+    told = [None, Decision("none", "free"), *[Decision("brake", "a wall ahead")] * 3, Decision("none", "free")]
+    for index, decision in enumerate(told):
+        tally.add(FrameResult(index, f"f{index}", 1, (), free, None, Health(), {}, decision=decision), True)
+    rig = SimpleNamespace(verdict="ok")
+    source = SimpleNamespace(name="drive", is_sequence=True, rigs=None, rig=rig, warnings=())
+    report(source, tally, None)  # type: ignore[arg-type]
+    printed = capsys.readouterr().out
+    assert printed.count("a wall ahead") == 1
+    assert "f2" in printed
 
 
 @pytest.fixture

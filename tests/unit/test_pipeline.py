@@ -359,6 +359,14 @@ def test_tracking_can_be_left_out(small: Rendered) -> None:
     assert "track" not in result.timings_ms
 
 
+def test_decisions_are_made_when_they_are_wanted(small: Rendered) -> None:
+    for wanted in ("true", "false"):
+        pipeline = Pipeline(half_rig(), load_settings(assignments=[f"decide.enabled={wanted}"]))
+        steps = [10**9 + i * 10**8 for i in range(3)]
+        result = [pipeline.step(again(small.pair, t_ns))[0] for t_ns in steps][-1]
+        assert (result.decision is not None) == (wanted == "true") == ("decide" in result.timings_ms)
+
+
 def test_single_frames_are_not_tracked(small: Rendered) -> None:
     pipeline = Pipeline(half_rig())
     for _ in range(3):

@@ -12,7 +12,7 @@ import yaml
 from rich.progress import TextColumn
 
 from roadblock.cli.rig import FormatOption, SizeOption, UnitOption, open_rig
-from roadblock.cli.terminal import frames, note, progress_bar, say, show_nearest, summarize
+from roadblock.cli.terminal import frames, note, progress_bar, say, show_nearest, show_table, summarize
 from roadblock.config import Settings, load_settings
 from roadblock.errors import MissingExtraError, SettingsError
 from roadblock.io.results import OVERLAY, RESULTS, RUN, VIDEO, JsonlSink, prepare_folder, run_record, write_run
@@ -20,6 +20,7 @@ from roadblock.io.rig.native import write_native
 from roadblock.io.sources import StereoSource, open_source
 from roadblock.pipeline import Pipeline
 from roadblock.values.camera import StereoRig
+from roadblock.values.decision import Decision
 from roadblock.values.scene import FrameResult, Obstacle
 from roadblock.viz.sinks import OverlaySink, PictureSink, VideoSink
 
@@ -36,6 +37,9 @@ class Tally:
     """Whether the source's end was not reached."""
     nearest: list[tuple[str, Obstacle]] = field(default_factory=list)
     troubles: Counter[str] = field(default_factory=Counter)
+    decisions: list[tuple[str, Decision]] = field(default_factory=list)
+    """The first frame of each warning, braking or swerve, and why."""
+    action: str = "none"
 
     def add(self, result: FrameResult, is_sequence: bool) -> None:
         """Count one frame; of a sequence only the last frame's obstacles are kept."""
@@ -44,6 +48,9 @@ class Tally:
             self.nearest.clear()
         self.nearest += [(result.name, obstacle) for obstacle in result.obstacles]
         self.troubles.update(reason.partition(":")[0] for reason in result.health.reasons)
+        before, self.action = self.action, "none" if result.decision is None else result.decision.action
+        if result.decision is not None and self.action not in ("none", before):
+            self.decisions.append((result.name, result.decision))
 
 
 def detect(
@@ -115,6 +122,9 @@ def report(source: StereoSource, tally: Tally, out: Path | None) -> None:
         show_nearest(f"{source.name}: the nearest obstacles {where}", tally.nearest)
     else:
         say(f"{source.name}: no obstacles in {frames(tally.frames)}")
+    if tally.decisions:
+        rows = [(name, told.action, told.reason) for name, told in tally.decisions]
+        show_table(f"{source.name}: decisions", ("frame", "action", "why"), rows)
     for reason, count in tally.troubles.most_common():
         note(f"{reason} ({count} of {frames(tally.frames)})")
     if any(rig.verdict == "refused" for rig in source.rigs or (source.rig,)):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 import roadblock
 from roadblock.cli.detect import INTERRUPTED, rig_record
+from roadblock.cli.experiment_avoidance import avoidance_experiment
 from roadblock.cli.experiment_range import range_experiment
 from roadblock.cli.resume import earlier
 from roadblock.cli.rig import FormatOption, SizeOption, UnitOption, open_rig
@@ -70,6 +71,7 @@ def _experiment() -> None:
 
 
 experiment_app.command("range")(range_experiment)
+experiment_app.command("avoidance")(avoidance_experiment)
 
 
 @experiment_app.command("table2")

@@ -104,9 +104,10 @@ def _moves(track: Track | None) -> list[str]:
 
 def summarize(result: FrameResult) -> str:
     """Return one line about the last frame, for the progress bar."""
+    action = "" if result.decision is None or result.decision.action == "none" else f", {result.decision.action}"
     if not result.obstacles:
-        return "no obstacle"
-    return f"{len(result.obstacles)} obstacles, nearest {result.obstacles[0].range_m:.1f} m"
+        return f"no obstacle{action}"
+    return f"{len(result.obstacles)} obstacles, nearest {result.obstacles[0].range_m:.1f} m{action}"
 
 
 def frames(count: int) -> str:

@@ -23,6 +23,7 @@ import roadblock
 from roadblock.errors import OutputError, SourceError
 from roadblock.io.machine import machine_record, package_commit
 from roadblock.io.schema import SCHEMA, FrameRecord
+from roadblock.values.decision import Decision
 from roadblock.values.motion import Track
 from roadblock.values.scene import EDGE_KINDS, FrameResult, FreeSpace, GroundPlane, Obstacle, Stixels
 
@@ -74,7 +75,15 @@ def frame_record(result: FrameResult) -> dict[str, Any]:
         "health": {"state": result.health.state, "reasons": [clean_text(reason) for reason in result.health.reasons]},
         "timings_ms": {name: number(ms, MS_DIGITS) for name, ms in result.timings_ms.items()},
         "stixels": _stixels_record(result.stixels),
+        "decision": _decision_record(result.decision),
     }
+
+
+def _decision_record(decision: Decision | None) -> dict[str, Any] | None:
+    if decision is None:
+        return None
+    digits = {"ttc_s", "ttc_sigma_s", "deceleration_mps2", "curvature_per_m", "offset_m"}
+    return {name: number(value, METRE_DIGITS) if name in digits else value for name, value in vars(decision).items()}
 
 
 def _stixels_record(stixels: Stixels | None) -> dict[str, Any] | None:

@@ -94,6 +94,19 @@ class StixelsRecord(Record):
     height_m: list[float | None]
 
 
+class DecisionRecord(Record):
+    """What the car should do; see `roadblock.values.decision.Decision`."""
+
+    action: Literal["none", "warn", "brake", "swerve"]
+    reason: str
+    ttc_s: float | None
+    ttc_sigma_s: float | None
+    deceleration_mps2: float
+    curvature_per_m: float
+    offset_m: float
+    obstacle_id: int | None
+
+
 class FrameRecord(Record):
     """One line of `obstacles.jsonl`."""
 
@@ -107,3 +120,4 @@ class FrameRecord(Record):
     health: HealthRecord
     timings_ms: dict[str, float | None]
     stixels: StixelsRecord | None = None
+    decision: DecisionRecord | None = None

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from roadblock.errors import ValueRefusedError
 from roadblock.values.checks import FloatArray, finite, locked, numbers, positive
+from roadblock.values.decision import Decision
 from roadblock.values.motion import EgoMotion, Track
 
 NEAREST_FACE_PERCENT = 10
@@ -441,6 +442,8 @@ class FrameResult:
         How the vehicle moved since the frame before; None for single frames.
     stixels
         As in `Detections`.
+    decision
+        What the car should do; None for single frames.
     """
 
     index: int
@@ -453,3 +456,4 @@ class FrameResult:
     timings_ms: dict[str, float]
     ego: EgoMotion | None = None
     stixels: Stixels | None = None
+    decision: Decision | None = None

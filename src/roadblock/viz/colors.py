@@ -22,6 +22,7 @@ FREE_GROUND: Color = (32, 94, 62)
 GRID: Color = (78, 84, 94)
 EDGE_COLORS: dict[str, Color] = {"kerb": (255, 160, 30), "verge": (235, 90, 220)}
 STATE: dict[str, Color] = {"ok": (70, 210, 120), "degraded": (250, 180, 60), "failed": (240, 80, 70)}
+ACTION: dict[str, Color] = {"warn": (250, 180, 60), "brake": (240, 80, 70), "swerve": (250, 120, 200)}
 
 
 @cache

@@ -10,7 +10,7 @@ from roadblock.values.frame import Image
 from roadblock.values.scene import FrameResult
 from roadblock.viz.birdseye import draw_birds_eye
 from roadblock.viz.camera_view import Picture, draw_camera_view
-from roadblock.viz.colors import INK, MUTED, PAPER, STATE, Color
+from roadblock.viz.colors import ACTION, INK, MUTED, PAPER, STATE, Color
 from roadblock.viz.text import draw_text, fit_text, measure_text, text_width
 
 LEAST_HEIGHT_PX, MOST_SIZE_PX = 360, (1920, 1200)
@@ -71,6 +71,10 @@ def _header(result: FrameResult, width: int, text_px: int) -> Picture:
     verdict = fit_text(f"{state}: {reasons}" if reasons else state, text_px, width // 2)
     right = _draw_right(strip, verdict, right, base, text_px, STATE.get(state, PAPER))
     left = gap
+    if result.decision is not None and result.decision.action != "none":
+        told = fit_text(f"{result.decision.action}: {result.decision.reason}", text_px, right - left)
+        draw_text(strip, told, (left, base), text_px, ACTION[result.decision.action])
+        left += text_width(told, text_px) + gap
     for text, color in ((f"frame {result.name}", PAPER), (_summary(result), MUTED)):
         text = fit_text(text, text_px, right - left)
         draw_text(strip, text, (left, base), text_px, color)

@@ -19,6 +19,7 @@ from roadblock.io.results import (
     write_run,
 )
 from roadblock.io.schema import FrameRecord
+from roadblock.values.decision import Decision
 from roadblock.values.motion import Track
 from roadblock.values.scene import FrameResult, FreeSpace, GroundPlane, Health, Obstacle, RoadEdges, Stixels
 
@@ -93,6 +94,22 @@ def test_record_is_the_public_schema():
         "health": {"state": "degraded", "reasons": ["too dark"]},
         "timings_ms": {"match": 12.346, "total": 20.0},
         "stixels": None,
+        "decision": None,
+    }
+
+
+def test_a_decision_is_told_with_its_reason():
+    record = frame_record(make_result(decision=Decision("brake", "a wall", 1.23456, NAN, 4.0, obstacle_id=7)))
+    assert FrameRecord.model_validate(record).decision is not None
+    assert record["decision"] == {
+        "action": "brake",
+        "reason": "a wall",
+        "ttc_s": 1.2346,
+        "ttc_sigma_s": None,
+        "deceleration_mps2": 4.0,
+        "curvature_per_m": 0.0,
+        "offset_m": 0.0,
+        "obstacle_id": 7,
     }
 
 

@@ -5,8 +5,9 @@ import pytest
 from drawn import obstacle_at, result_of, rig_of
 
 from roadblock.errors import ValueRefusedError
+from roadblock.values.decision import Decision
 from roadblock.values.scene import FreeSpace, Health
-from roadblock.viz.colors import INK, STATE
+from roadblock.viz.colors import ACTION, INK, STATE
 from roadblock.viz.overlay import draw_overlay, view_scale
 from roadblock.viz.text import text_width
 
@@ -48,6 +49,14 @@ def test_a_failed_frame_is_drawn(rig, image):
     )
     picture = draw_overlay(image, result, rig)
     assert np.array_equal(picture[-363:, :641], image)
+
+
+def test_header_shows_the_decision_in_its_colour(rig, image):
+    for action, color in ACTION.items():
+        header = draw_overlay(image, result_of(rig, decision=Decision(action, "a wall ahead")), rig)[:40].astype(int)
+        quiet = draw_overlay(image, result_of(rig, decision=Decision("none", "free")), rig)[:40].astype(int)
+        nearest, before = (np.abs(strip - color).sum(axis=-1).min() for strip in (header, quiet))
+        assert nearest < before / 2
 
 
 def test_header_shows_the_state_in_its_colour(rig, image):

@@ -1,0 +1,371 @@
+"""The decider: what stands or moves in the car's way, and what to do about it; remembers the last moments."""
+
+import math
+from collections.abc import Sequence, Set
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roadblock.stages.decide.contact import Contact, find_contact
+from roadblock.stages.decide.hazards import Hazards, Layout
+from roadblock.stages.decide.memory import CELL_M, Memory, OwnMotion, turned
+from roadblock.stages.decide.settings import DecideSettings
+from roadblock.stages.decide.swerve import (
+    Ways,
+    clear_of,
+    clear_of_moving,
+    drivable,
+    steering,
+    straight_on,
+    swept,
+    ways_aside,
+)
+from roadblock.values.camera import Rectification
+from roadblock.values.checks import FloatArray
+from roadblock.values.decision import Decision
+from roadblock.values.motion import EgoMotion
+from roadblock.values.scene import FreeSpace, GroundPlane, Obstacle
+
+KNOWN_S = 1.0
+"""So long the car's own motion is taken to go on."""
+FORGET_S = 1.5
+"""After a longer gap without frames all starts anew."""
+SPREAD_M = 0.6
+"""Ends of columns that are off by more are not remembered."""
+FREE_SIGMAS, FREE_M = 2.0, 0.3
+"""Road seen so far behind a cell contradicts it."""
+FOOT_M = 1.0
+"""The road must be in view this much before a cell to contradict it."""
+LOST_S, LOST_M = 1.5, 8.0
+"""What moved for sure is taken to go on so long, also out of view if it is so near."""
+KERB_M = 0.15
+"""Room to a kerb or a verge."""
+BEHIND_M = 3.0
+"""Road must be seen free so far behind what is passed."""
+SEEN_FROM_M = 4.0
+"""Nearer, at the sides, no camera sees it."""
+CROSSING_MPS = 0.6
+"""What goes across the road so fast, or along it faster than `PASSED_MPS`, is not driven round."""
+PASSED_MPS = 2.0
+CREEP_MPS = 2.0
+"""How fast a car that has stopped would go on."""
+BLOCKED = 2
+"""So many frames in a row must find a way blocked."""
+SLOWER_MPS2 = 2.5
+"""How a car slows down that finds its way round blocked further on."""
+SAME_M = 1.0
+"""What is remembered so near to a track belongs to it."""
+STOOD_M = 0.3
+"""What is so near to where something stood does not move, whatever its track says."""
+STRAIGHT_RADPS = 0.12
+"""A road that turns the car faster bends too much to plan a way aside."""
+
+
+class Decider:
+    """Decides for one car; one rig, one decider.
+
+    Parameters
+    ----------
+    rectification
+        The twin cameras.
+    T_vehicle_car
+        The rig's mounting, or None.
+    settings
+        The car, and when something is done.
+    """
+
+    def __init__(
+        self,
+        rectification: Rectification,
+        T_vehicle_car: FloatArray | None = None,
+        settings: DecideSettings | None = None,
+    ) -> None:
+        self.settings = settings or DecideSettings()
+        self._layout = Layout(rectification, T_vehicle_car)
+        self._restart(0)
+
+    def _restart(self, t_ns: int) -> None:
+        self._t_ns, self._own = t_ns, OwnMotion()
+        self._stood, self._kerbs, self._height_m = Memory(), Memory(), math.nan
+        self._movers: dict[int, tuple[Hazards, int]] = {}
+        self._last = Decision("none", "nothing was seen yet")
+        self._recent: list[bool] = []
+        self._brakes, self._until_ns = False, 0
+        self._way: Ways | None = None
+        self._begun_m, self._line_m = np.zeros(2), 0.0  # where the way begins, and the driver's line, left of 0
+        self._blocked = 0
+        self._commands: list[tuple[int, float]] = []  # how it was steered, and when: not all of it has come into force
+
+    def decide(
+        self,
+        obstacles: Sequence[Obstacle],
+        free_space: FreeSpace,
+        ego: EgoMotion | None,
+        t_ns: int,
+        ground: GroundPlane | None = None,
+    ) -> Decision:
+        """Decide what to do in the next frame.
+
+        Parameters
+        ----------
+        obstacles
+            With tracks; what has none counts only as far as it ends free space.
+        free_space
+            Of the same frame. What it does not know is never driven into.
+        ego
+            How the car moved since the frame before; None or unknown: as it did before, for a second.
+        t_ns
+            When. A frame of the same moment or of an earlier one changes nothing.
+        ground
+            The road; without one, what goes out of view below is not told from what is gone.
+        """
+        dt_s = (t_ns - self._t_ns) / 1e9
+        if abs(dt_s) > FORGET_S:
+            self._restart(t_ns)
+        elif dt_s <= 0:
+            return self._last
+        self._t_ns = t_ns
+        self._own.move(self._layout.R, ego, min(dt_s, FORGET_S), t_ns)
+        if self._way is None and not self._brakes:
+            self._own.learn_road()
+        if (t_ns - self._own.known_t_ns) / 1e9 > KNOWN_S:
+            self._last = self._blind(obstacles)
+        else:
+            if ground is not None:
+                self._height_m = ground.height_m
+            hazards = self._seen(obstacles, free_space)
+            self._last = self._choose(hazards, free_space)
+        return self._last
+
+    def _blind(self, obstacles: Sequence[Obstacle]) -> Decision:
+        """Warn by relative velocities alone while the car's own motion is unknown."""
+        s = self.settings
+        room = s.width_m / 2 + s.margin_m
+        near = [
+            (o.track.ttc_s, o.track.ttc_sigma_s, o.track.id)
+            for o in obstacles
+            if o.track is not None
+            and o.track.ttc_s < s.warn_s
+            and abs(o.position_m[1] - self._layout.origin_m[1]) - o.size_m[0] / 2 < room
+        ]
+        if not near:
+            return Decision("none", "the car's own motion is unknown, and nothing comes close")
+        ttc_s, sigma_s, number = min(near)
+        told = f"contact in {ttc_s:.1f} s, and the car's own motion is unknown"
+        return Decision("warn", told, ttc_s, sigma_s, obstacle_id=number)
+
+    def _seen(self, obstacles: Sequence[Obstacle], free: FreeSpace) -> Hazards:
+        """Take a frame in, and return everything that stands or moves, in the axes of the vehicle."""
+        ends = self._layout.standing_ends(obstacles, free)
+        self._remember(self._stood, free, free.range_m, ends)
+        if free.edges is not None:
+            edge = free.edges.range_m
+            reach = np.where(np.isfinite(edge), edge, free.range_m)
+            self._remember(self._kerbs, free, reach, np.isfinite(edge))
+        stood = Hazards.of(self._own.from_here(self._stood.at_m), sigma_m=CELL_M)
+        faces = [_still(face, stood.at_m) for face in self._layout.faces(obstacles, free, self._movers)]
+        sure = {o.track.id for o in obstacles if o.track is not None and o.track.motion == "moving"}
+        return Hazards.joined([stood, *faces, *self._lost(faces, sure)])
+
+    def _remember(self, memory: Memory, free: FreeSpace, reach_m: FloatArray, ends: NDArray[np.bool_]) -> None:
+        layout, own = self._layout, self._own
+        ends = ends & (layout.sigma_m(np.nan_to_num(reach_m, nan=np.inf)) < SPREAD_M)
+        spread = np.linspace(-1, 1, 7)[:, None] * layout.sigma_m(reach_m[ends])
+        at_m = layout.points(np.tile(free.u_px[ends], 7), (reach_m[ends] + spread).ravel())
+        memory.add(own.remembered(at_m))
+        column, z = layout.columns(own.from_here(memory.all_m), free.u_px)
+        beyond = FREE_M + FREE_SIGMAS * layout.sigma_m(z)
+        r = layout.rectification
+        foot_m = self._height_m * r.f_px / (r.size_px[1] - r.cy_px) + FOOT_M  # NaN: never
+        with np.errstate(invalid="ignore"):
+            is_free = (column >= 0) & (z > foot_m) & (z + beyond < reach_m[np.maximum(column, 0)])
+        memory.doubt(is_free)
+        memory.forget(own)
+
+    def _lost(self, faces: Sequence[Hazards], sure: Set[int]) -> list[Hazards]:
+        """Keep what moves for sure; return what did, was near and is out of view, moved on."""
+        own, seen = self._own, {int(face.number[0]): face for face in faces}
+        for number in [number for number, (_, t_ns) in self._movers.items() if self._t_ns - t_ns > 1e9 * LOST_S]:
+            del self._movers[number]
+        for number in sure & seen.keys():
+            face = seen[number]
+            velocity = turned(face.velocity_mps, own.heading_rad)
+            kept = face._replace(at_m=own.remembered(face.at_m), velocity_mps=velocity)
+            self._movers[number] = (kept, self._t_ns)
+        gone = []
+        for face, t_ns in (mover for number, mover in self._movers.items() if number not in seen):
+            at_m = own.from_here(face.at_m + face.velocity_mps * ((self._t_ns - t_ns) / 1e9))
+            if at_m[:, 0].min() < LOST_M:
+                gone.append(face._replace(at_m=at_m, velocity_mps=turned(face.velocity_mps, -own.heading_rad)))
+        return gone
+
+    def _choose(self, hazards: Hazards, free: FreeSpace) -> Decision:
+        if self._way is not None:
+            return self._follow(hazards, free)
+        own, s = self._own, self.settings
+        way = straight_on(own.yaw_rate_radps / max(own.speed_mps, 3.0) / 2)
+        found = find_contact(way, hazards, own.speed_mps, s.margin_m / 2, s, wary=self._brakes)
+        if self._brakes and found is None:  # would it drive on, it would stop again
+            near = find_contact(way, hazards, max(own.speed_mps, CREEP_MPS), s.margin_m / 2, s, wary=True)
+            if near is not None and hazards.at_m[near.at, 0] < s.front_m + s.stop_m + 1:
+                found = near
+        self._recent = [*self._recent[-s.confirm :], found is not None and found.is_sure]
+        if found is None:
+            if self._t_ns < self._until_ns:
+                return Decision("brake", "the road is free again, but only just", deceleration_mps2=0.5)
+            self._brakes = False
+            return Decision("none", "the way ahead is free")
+        return self._against(found, hazards, free)
+
+    def _against(self, found: Contact, hazards: Hazards, free: FreeSpace) -> Decision:
+        """Return what to do about what is in the way."""
+        s, t_ns = self.settings, self._t_ns
+        told, number = _told(found, hazards)
+        confirmed = found.is_sure and sum(self._recent) >= s.confirm
+        urgent = found.needed_mps2 >= s.brake_share * s.brake_mps2
+        if confirmed and (found.ttc_s < s.swerve_s or self._brakes) and self._can_pass(hazards, found.at):
+            way = self._way_round(self._in_road(hazards), free, hazards.at_m[found.at, 0] + BEHIND_M)
+            if way is not None:
+                self._begin(way)
+                return self._steered(
+                    way, float(way.deceleration_mps2[0]), f"{told}; {_side(way)} is free", found, number
+                )
+        if self._brakes or (confirmed and urgent):
+            self._brakes, self._until_ns = True, t_ns + round(1e9 * s.hold_s)
+            hard = min(s.brake_mps2, max(found.needed_mps2, 0.5))
+            reason = (
+                f"{told}; no way round is free" if self._own.speed_mps > CREEP_MPS else f"{told}; standing before it"
+            )
+            return Decision("brake", reason, found.ttc_s, found.sigma_s, hard, obstacle_id=number)
+        if found.ttc_s < s.warn_s or urgent:
+            doubt = "" if confirmed else "; not sure enough to act"
+            return Decision("warn", told + doubt, found.ttc_s, found.sigma_s, obstacle_id=number)
+        return Decision("none", told, found.ttc_s, found.sigma_s, obstacle_id=number)
+
+    def _can_pass(self, hazards: Hazards, index: int) -> bool:
+        """Return whether what is in the way stands or walks along for sure, on a straight road."""
+        ahead, aside = np.abs(hazards.velocity_mps[index])
+        slow = bool(ahead < PASSED_MPS and aside < CROSSING_MPS)
+        known = bool(hazards.doubt[index] == 0) or self._brakes
+        return slow and known and abs(self._own.yaw_rate_radps) < STRAIGHT_RADPS
+
+    def _in_road(self, hazards: Hazards) -> Hazards:
+        """Return hazards in the axes of the road."""
+        askew = self._own.askew_rad
+        return hazards._replace(at_m=turned(hazards.at_m, askew), velocity_mps=turned(hazards.velocity_mps, askew))
+
+    def _begin(self, way: Ways) -> None:
+        here = turned(self._own.at_m[None], -self._own.road_rad)[0]
+        if self._way is None:
+            self._line_m = here[1]
+        self._way, self._begun_m, self._blocked, self._brakes = way, here, 0, False
+
+    def _way_round(self, hazards: Hazards, free: FreeSpace, until_m: float) -> Ways | None:
+        """Return the way nearest to the one it is on that is drivable, free and seen to be road; None without one."""
+        s, own = self.settings, self._own
+        here = turned(own.at_m[None], -own.road_rad)[0]
+        aside_m = here[1] - self._line_m if self._way is not None else 0.0
+        ways = ways_aside(math.tan(own.askew_rad), aside_m, s)
+        ways = ways.where(drivable(ways, own.speed_mps, s))
+        ways = ways.where(self._is_clear(ways, hazards, until_m, s.margin_m))
+        ways = ways.where(self._is_seen(ways, free, until_m))
+        if not len(ways.length_m):
+            return None
+        roomy = self._is_clear(ways, hazards, until_m, 2 * s.margin_m)
+        ways = ways.where(roomy) if roomy.any() else ways
+        wanted_m = 0.0 if self._way is None else self._begun_m[1] + float(self._way.offset_m[0]) - here[1]
+        return ways.only(int(np.argmin(np.abs(ways.offset_m - wanted_m))))
+
+    def _is_clear(self, ways: Ways, hazards: Hazards, until_m: float, margin_m: float) -> NDArray[np.bool_]:
+        s, own, moves = self.settings, self._own, hazards.moves
+        good = clear_of(ways, hazards.at_m[~moves], until_m, margin_m, s)
+        y = turned(own.from_here(self._kerbs.at_m), own.askew_rad)[:, 1]  # kerbs run along the road, seen or not
+        right, left = y[y < 0].max(initial=-np.inf), y[y > 0].min(initial=np.inf)
+        ends = swept(ways, np.arange(0.0, until_m, 1.0), s)
+        good &= (ends[0].min(1) > right + KERB_M) & (ends[1].max(1) < left - KERB_M)
+        if moves.any() and good.any():
+            good &= clear_of_moving(ways, hazards.where(moves), until_m, own.speed_mps, s)
+        return good
+
+    def _is_seen(self, ways: Ways, free: FreeSpace, until_m: float) -> NDArray[np.bool_]:
+        """Return which ways (m,) lead over road that is seen to be free."""
+        at = np.arange(SEEN_FROM_M, max(until_m, SEEN_FROM_M + 1.0), 1.0)
+        y, _, _ = ways.at(np.broadcast_to(at, (len(ways.length_m), len(at))))
+        room = self.settings.width_m / 2
+        sides = y[..., None] + np.array([-room, 0.0, room])
+        points = np.stack([np.broadcast_to(at[None, :, None], sides.shape), sides], -1)
+        seen = self._layout.is_seen_free(turned(points.reshape(-1, 2), -self._own.askew_rad), free)
+        return np.asarray(seen.reshape(sides.shape).all((1, 2)))
+
+    def _follow(self, hazards: Hazards, free: FreeSpace) -> Decision:
+        """Return how the swerve goes on."""
+        assert self._way is not None  # noqa: S101
+        s, own = self.settings, self._own
+        along, left = turned(own.at_m[None], -own.road_rad)[0] - self._begun_m
+        if along >= self._way.length_m[0]:
+            self._way, self._recent = None, []
+            return self._choose(hazards, free)
+        rest, in_road = self._way.from_point(along, left), self._in_road(hazards)
+        found = find_contact(rest, in_road, max(own.speed_mps, CREEP_MPS), s.margin_m / 2, s)
+        blocked = found is not None and found.is_sure and found.ttc_s < s.swerve_s
+        self._blocked = self._blocked + 1 if blocked else 0
+        if found is None or self._blocked < BLOCKED:
+            number = self._last.obstacle_id
+            return self._steered(
+                rest, float(rest.deceleration_mps2[0]), f"on the way round; {_side(rest)} is free", None, number
+            )
+        told, number = _told(found, in_road)
+        other = self._way_round(in_road, free, in_road.at_m[found.at, 0] + BEHIND_M)
+        if other is not None:
+            self._begin(other)
+            slower = float(other.deceleration_mps2[0])
+            return self._steered(other, slower, f"on the way round: {told}; {_side(other)} is free", found, number)
+        if found.needed_mps2 < s.brake_share * s.brake_mps2:
+            return self._steered(rest, SLOWER_MPS2, f"on the way round: {told}; slowing down", found, number)
+        hard = min(s.brake_mps2, found.needed_mps2)
+        return self._steered(rest, hard, f"on the way round: {told}; braking on it", found, number, "brake")
+
+    def _steered(
+        self,
+        rest: Ways,
+        slower_mps2: float,
+        reason: str,
+        found: Contact | None,
+        number: int | None,
+        action: str = "swerve",
+    ) -> Decision:
+        own = self._own
+        delay_ns = round(1e9 * self.settings.delay_s)
+        self._commands = [(t_ns, c) for t_ns, c in self._commands if self._t_ns - t_ns <= delay_ns]
+        pending = float(np.mean([c for _, c in self._commands])) if self._commands else 0.0
+        curvature = steering(rest, math.tan(own.askew_rad), own.speed_mps, pending, self.settings)
+        self._commands.append((self._t_ns, curvature))
+        ttc = (math.nan, math.nan) if found is None else (found.ttc_s, found.sigma_s)
+        return Decision(action, reason, *ttc, slower_mps2, curvature, float(rest.offset_m[0]), number)
+
+
+def _still(face: Hazards, stood_m: FloatArray) -> Hazards:
+    """Return a face, standing if most of it is where something has stood for a while."""
+    if not face.moves[0] or not len(stood_m):
+        return face
+    apart_m = np.linalg.norm(face.at_m[:, None] - stood_m, axis=2).min(1)
+    if np.median(apart_m) > STOOD_M:
+        return face
+    return face._replace(velocity_mps=np.zeros_like(face.at_m), doubt=np.zeros(len(face.at_m)))
+
+
+def _side(way: Ways) -> str:
+    offset = float(way.offset_m[0])
+    return f"{abs(offset):.1f} m to the {'left' if offset > 0 else 'right'}"
+
+
+def _told(found: Contact, hazards: Hazards) -> tuple[str, int | None]:
+    """Return in words what is in the way, and the number of its track, if it has one."""
+    at_m, numbers = hazards.at_m, hazards.number
+    number = int(numbers[found.at])
+    near = (numbers > 0) & (np.hypot(*(at_m - at_m[found.at]).T) < SAME_M)
+    if not number and near.any():
+        number = int(numbers[near][0])
+    what = f"obstacle {number}" if number else "something"
+    moves = ", which moves," if hazards.moves[found.at] else ""
+    return f"{what}{moves} {at_m[found.at, 0]:.1f} m ahead, contact in {found.ttc_s:.1f} s", number or None
