@@ -41,9 +41,9 @@ FREE_PX = 3.5
 """No road is known to be free where disparities are smaller than this."""
 STIXEL_CELLS = 2
 """Smaller ones are specks."""
-JOIN_REACH_M, BEHIND_SHARE = 15.0, 0.1
-"""Near by smooth bodies show little but their edges: pieces are joined up to here, if no more than this share of what
-lies between them is seen to lie behind."""
+JOIN_REACH_M, JOIN_NEAR_M, BEHIND_SHARE = 15.0, 0.25, 0.1
+"""Near by smooth bodies show little but their edges: pieces are joined up to here whose nearest faces differ by less, if
+no more than this share of what lies between them is seen to lie behind."""
 MOST_REGIONS = 1000
 """Of one frame; further ones are dropped."""
 
@@ -223,7 +223,7 @@ def find_regions(
         return ()
     boxes = np.empty((found, 4), np.int32)
     kernels.measure_boxes(cells, bounds, found, columns, boxes)
-    joins = np.array([JOIN_REACH_M, settings.link_m, settings.join_m * r.f_px / w, BEHIND_SHARE])
+    joins = np.array([JOIN_REACH_M, JOIN_NEAR_M, settings.join_m * r.f_px / w, BEHIND_SHARE])
     found = kernels.join_pieces(
         d_px, surface.z_m, joins, near_share, cells, bounds[: found + 1], boxes, nearest[:found]
     )
