@@ -42,8 +42,8 @@ FREE_PX = 3.5
 STIXEL_CELLS = 2
 """Smaller ones are specks."""
 JOIN_REACH_M, JOIN_NEAR_M, BEHIND_SHARE = 15.0, 0.25, 0.1
-"""Near by smooth bodies show little but their edges: pieces are joined up to here whose nearest faces differ by less, if
-no more than this share of what lies between them is seen to lie behind."""
+"""Near by smooth bodies show little but their edges: pieces up to here are joined whose nearest faces differ by less,
+if no more than this share of what lies between them is seen to lie behind."""
 MOST_REGIONS = 1000
 """Of one frame; further ones are dropped."""
 
