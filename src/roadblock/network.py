@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, ValidationError
 
 from roadblock.errors import MissingExtraError, SettingsError
+from roadblock.values.frame import Image
 
 Three = Annotated[tuple[float, float, float], Field()]
 Side = Annotated[int, Field(ge=8, le=4096)]
@@ -103,6 +104,18 @@ class Session:
         except Exception as error:
             raise SettingsError(f"the network failed: {' '.join(str(error).split()):.160}") from error
         return [np.asarray(array, np.float32) for array in found]
+
+
+def as_bytes(image: Image) -> Image:
+    """Return an image of 8 or 16 bit as 8 bit."""
+    return (image // 257).astype(np.uint8) if image.dtype == np.uint16 else image
+
+
+def as_input(image: Image, colors: str, mean: Sequence[float], std: Sequence[float]) -> Floats32:
+    """Return an image (height, width, channels), RGB or grey, as a network takes it: (1, channels, height, width)."""
+    ordered, channels = image[..., ::-1] if colors == "bgr" else image, image.shape[2]
+    scaled = (ordered - np.array(mean)[:channels]) / np.array(std)[:channels]
+    return np.ascontiguousarray(scaled.transpose(2, 0, 1)[None], np.float32)
 
 
 def read_description(path: Path, kind: type[Description], hints: Mapping[str, str]) -> Description:

@@ -16,9 +16,9 @@ import roadblock
 from roadblock.cli.detect import INTERRUPTED, rig_record
 from roadblock.cli.experiment_avoidance import avoidance_experiment
 from roadblock.cli.experiment_range import range_experiment
-from roadblock.cli.resume import earlier
+from roadblock.cli.resume import earlier, take
 from roadblock.cli.rig import FormatOption, SizeOption, UnitOption, open_rig
-from roadblock.cli.terminal import note, progress_bar, say, show_table
+from roadblock.cli.terminal import note, say, show_table
 from roadblock.config import make_settings
 from roadblock.detectors import DETECTORS
 from roadblock.errors import MissingExtraError
@@ -140,19 +140,16 @@ def run(
     all_readings = list(readings)
     todo = sorted(set(range(first, first + runs)) - {reading["seed"] for reading in readings})
     started, machine = datetime.now(UTC), machine_record()
-    result = _result(head, all_readings, machine, started, bool(todo))
-    write_run(path, result)
-    try:
-        with progress_bar() as progress:
-            task = progress.add_task("measuring", total=runs, completed=runs - len(todo))
-            for seed in todo:
-                all_readings += measure(seed, rigs, head["settings"]["quality"])
-                result = _result(head, all_readings, machine, started, seed != todo[-1])
-                write_run(path, result)
-                progress.advance(task)
-    except KeyboardInterrupt:
-        pass  # the result says so
-    return result
+
+    def one(seed: int) -> None:
+        all_readings.extend(measure(seed, rigs, head["settings"]["quality"]))
+
+    def write(interrupted: bool) -> dict[str, Any]:
+        result = _result(head, all_readings, machine, started, interrupted)
+        write_run(path, result)
+        return result
+
+    return take("measuring", todo, runs, one, write)
 
 
 def _result(

@@ -1,6 +1,5 @@
 """`roadblock experiment avoidance`: a car drives by what is found, and nothing must be touched."""
 
-import json
 from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 from datetime import UTC, datetime
@@ -12,7 +11,8 @@ import typer
 import roadblock
 from roadblock.cli.avoidance_drive import SCENARIOS, Film, drive, guessed, rendered, small_rig
 from roadblock.cli.detect import INTERRUPTED
-from roadblock.cli.terminal import note, progress_bar, say, show_table
+from roadblock.cli.resume import earlier, take
+from roadblock.cli.terminal import note, say, show_table
 from roadblock.errors import MissingExtraError, OutputError
 from roadblock.eval.avoidance import by_scenario, counts, grid_cells
 from roadblock.io.machine import machine_record, package_commit
@@ -27,8 +27,6 @@ from roadblock.viz.sinks import VideoSink
 RESULT, PAGE = "result.json", "report.html"
 SCHEMA = 1
 """Version of `result.json`."""
-SAME = ("schema", "experiment", "version", "commit")
-"""Fields of the head in which an interrupted run must agree to be gone on with."""
 
 
 def avoidance_experiment(
@@ -48,23 +46,23 @@ def avoidance_experiment(
         "version": roadblock.__version__,
         "commit": package_commit(),
         "settings": {"runs": runs, "seed": seed, "scenarios": names, "fast": fast, "quality": quality},
-        "machine": machine_record(),
-        "started": datetime.now(UTC).isoformat(timespec="milliseconds"),
     }
+    about = {"machine": machine_record(), "started": datetime.now(UTC).isoformat(timespec="milliseconds")}
     wanted = [(name, number) for number in range(seed, seed + runs) for name in names]
-    done = [run for run in _earlier(out / RESULT, head) if (run["scenario"], run["seed"]) in wanted]
+    done = [
+        run
+        for run in earlier(out / RESULT, head, by_scenario, "runs", ("runs", "scenarios"))
+        if (run["scenario"], run["seed"]) in wanted
+    ]
     have = {(run["scenario"], run["seed"]) for run in done}
-    todo = [one for one in wanted if one not in have]
-    result = _write(out, head, done, bool(todo))
-    try:
-        with progress_bar() as progress:
-            task = progress.add_task("driving", total=len(wanted), completed=len(done))
-            for name, number in todo:
-                done.append(_driven(name, number, fast, quality, out if number == video else None))
-                result = _write(out, head, done, len(done) < len(wanted))
-                progress.advance(task)
-    except KeyboardInterrupt:
-        pass  # the result says so
+
+    def one(part: tuple[str, int]) -> None:
+        done.append(_driven(*part, fast, quality, out if part[1] == video else None))
+
+    def write(interrupted: bool) -> dict[str, Any]:
+        return _write(out, {**head, **about}, done, interrupted)
+
+    result = take("driving", [part for part in wanted if part not in have], len(wanted), one, write)
     report(result, out)
     if result["interrupted"]:
         note(f"interrupted after {len(done)} of {len(wanted)} drives; the same command goes on from there")
@@ -77,32 +75,6 @@ def _chosen(scenario: list[str] | None) -> list[str]:
     if odd:
         raise OutputError(f"{odd[0]!r:.40} is no scenario: choose one of {', '.join(CHALLENGES)}, or grid")
     return list(dict.fromkeys(names))
-
-
-def _earlier(path: Path, head: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the drives of an interrupted run of the same code and settings, to go on from; else none.
-
-    Raises
-    ------
-    OutputError
-        If `path` is there and no result of this experiment.
-    """
-    try:
-        found = json.loads(path.read_bytes())
-        if found["experiment"] != head["experiment"]:
-            raise ValueError
-        done, interrupted = list(found["runs"]), bool(found["interrupted"])
-        by_scenario(done)
-        alike = all(found[key] == head[key] for key in SAME)
-        same = {"runs": None, "scenarios": None}
-        alike &= found["settings"] | same == head["settings"] | same
-    except FileNotFoundError:
-        return []
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise OutputError(
-            f"{path} is no result of this experiment and would be overwritten: choose another folder with --out"
-        ) from error
-    return done if interrupted and alike else []
 
 
 def _driven(name: str, seed: int, fast: bool, quality: str, film_to: Path | None) -> dict[str, Any]:

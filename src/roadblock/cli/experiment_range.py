@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 import roadblock
 from roadblock.cli.detect import INTERRUPTED
-from roadblock.cli.resume import earlier
-from roadblock.cli.terminal import note, progress_bar, say, show_table
+from roadblock.cli.resume import earlier, take
+from roadblock.cli.terminal import note, say, show_table
 from roadblock.config import Settings, load_settings
 from roadblock.errors import MissingExtraError
 from roadblock.eval.match import pair_up
@@ -88,21 +88,11 @@ def run(
         write_run(path, result)
         return result
 
-    result = write(bool(todo))
-    try:
-        with progress_bar() as progress:
-            task = progress.add_task("measuring", total=runs, completed=runs - len(todo))
-            for number in todo:
-                taken += [
-                    r
-                    for range_m in RANGES_M
-                    for r in measure(number, range_m, rig, settings, head["settings"]["quality"])
-                ]
-                result = write(number != todo[-1])
-                progress.advance(task)
-    except KeyboardInterrupt:
-        pass  # the result says so
-    return result
+    def one(number: int) -> None:
+        quality = head["settings"]["quality"]
+        taken.extend([r for range_m in RANGES_M for r in measure(number, range_m, rig, settings, quality)])
+
+    return take("measuring", todo, runs, one, write)
 
 
 def measure(seed: int, range_m: float, rig: StereoRig, settings: Settings, quality: str) -> list[dict[str, Any]]:
@@ -119,14 +109,14 @@ def measure(seed: int, range_m: float, rig: StereoRig, settings: Settings, quali
         for number, target in shown.items():
             common = {"type": target.name, "nominal_m": range_m, "seed": seed}
             readings += [common | r for r in with_exact_mask(picture, pair, number, target, maps, settings.refine)]
-            readings += [common | {k: v for k, v in r.items() if k != "id"} for r in own if r["id"] == number]
+            readings += [common | r for thing, r in own if thing == number]
     return readings
 
 
 def with_own_cut(
     picture: Rendered, pair: RectifiedPair, ground: GroundPlane | None, way: str, regions: Sequence[Region]
-) -> Iterator[dict[str, Any]]:
-    """Yield what is read of each thing in the picture where the detector cut it out.
+) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield the number of each thing in the picture, and what is read of it where the detector cut it out.
 
     Its nearest face, and the error of its place; where it was refined, its mean visible surface, too.
     """
@@ -134,8 +124,8 @@ def with_own_cut(
     boxes = [{"box_px": o.box_px, "range_m": o.range_m} for o in obstacles]
     true = [{"box_px": thing.box_px, "range_m": thing.range_m} for thing in picture.objects]
     for thing, index in zip(picture.objects, pair_up(boxes, true), strict=True):
-        nothing = {"id": thing.id, "range_m": None, "range_sigma_m": None, "bound_m": None}
-        own = nothing | {"detector": way, "true_range_m": plain(thing.range_m)}
+        nothing = {"range_m": None, "range_sigma_m": None, "bound_m": None}
+        own: dict[str, Any] = nothing | {"detector": way, "true_range_m": plain(thing.range_m)}
         mean = nothing | {
             "detector": f"{way}_mean",
             "true_range_m": plain(float(picture.depth_m[picture.ids == thing.id].mean())),
@@ -147,9 +137,9 @@ def with_own_cut(
             if fit is not None:
                 z_m = float(distance_m(fit.mean_d_px, pair.rectification))
                 mean |= {"range_m": plain(z_m), "range_sigma_m": plain(z_m / fit.mean_d_px * fit.sigma_mean_d_px)}
-        yield own
+        yield thing.id, own
         if way.endswith(REFINED):
-            yield mean
+            yield thing.id, mean
 
 
 def with_exact_mask(

@@ -28,7 +28,7 @@ def unchecked(kind: type[Value], **fields: Any) -> Value:
     To check and lock each value alone costs as much as to measure it.
     """
     made = object.__new__(kind)
-    made.__dict__.update(fields)
+    object.__setattr__(made, "__dict__", fields)  # frozen, too
     return made
 
 

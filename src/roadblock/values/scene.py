@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.errors import ValueRefusedError
-from roadblock.values.checks import FloatArray, finite, locked, numbers, positive
+from roadblock.values.checks import FloatArray, finite, locked, numbers, positive, unchecked
 from roadblock.values.decision import Decision
 from roadblock.values.motion import EgoMotion, Track
 
@@ -399,9 +399,7 @@ class Obstacle:
 
     def recognized(self, **known: object) -> "Obstacle":
         """Return the same obstacle with fields that need no check, from a stage that made them itself."""
-        other = object.__new__(type(self))
-        object.__setattr__(other, "__dict__", self.__dict__ | known)
-        return other
+        return unchecked(type(self), **(self.__dict__ | known))
 
 
 @dataclass(frozen=True)

@@ -21,13 +21,13 @@ MATCHERS: dict[str, Matcher] = {
 
 def match(pair: RectifiedPair, settings: MatchSettings) -> DisparityMap:
     """Return the dense disparity map of the left image; NaN where the matcher found none it trusts."""
+    left, right = gray8(pair.left, pair.right)
     if settings.matcher == "onnx":
         d_px = stereo_network(settings)(pair)
-        d_px[is_blank(gray8(pair.left, pair.right)[0])] = np.nan
-        return DisparityMap(d_px, settings.sigma_px)
-    matcher = MATCHERS[settings.matcher]
-    left, right = balance(*gray8(pair.left, pair.right))
-    both = settings.both_ways
-    d_px = match_both_ways(matcher, left, right, settings) if both else matcher(left, right, settings)
+    else:
+        matcher = MATCHERS[settings.matcher]
+        left, right = balance(left, right)
+        both = settings.both_ways
+        d_px = match_both_ways(matcher, left, right, settings) if both else matcher(left, right, settings)
     d_px[is_blank(left)] = np.nan
     return DisparityMap(d_px, settings.sigma_px)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from roadblock.errors import SettingsError
-from roadblock.network import Floats32, Session, Side, Three, read_description
+from roadblock.network import Floats32, Session, Side, Three, as_bytes, as_input, read_description
 from roadblock.stages.match.settings import MatchSettings
 from roadblock.values.frame import Image, RectifiedPair
 
@@ -85,27 +85,24 @@ class StereoNetwork:
                 )
         # The nearest one: between two surfaces there is none.
         shown = [found.reshape(tall, wide)[: size[1], : size[0]] for found in maps]
-        d_px, *sure = (cv2.resize(found, (width, height), interpolation=cv2.INTER_NEAREST) for found in shown)
-        d_px = np.asarray(d_px * np.float32(self.about.scale * width / size[0]), np.float32)
+        units, *sure = (cv2.resize(found, (width, height), interpolation=cv2.INTER_NEAREST) for found in shown)
+        d_px = np.asarray(units * np.float32(self.about.scale * width / size[0]), np.float32)
         known = (d_px > 0) & (d_px <= np.arange(width))
         for confidence in sure:
             known &= confidence >= self.about.least_confidence
         d_px[~known] = np.nan
-        return np.asarray(d_px, np.float32)
+        return d_px
 
     def _prepared(self, image: Image, size: tuple[int, int]) -> Floats32:
         """Return an image as the network takes it."""
-        image = (image // 257).astype(np.uint8) if image.dtype == np.uint16 else image
+        image = as_bytes(image)
         is_gray = self.about.colors == "gray"
         if (image.ndim == 2) != is_gray:
             image = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY if is_gray else cv2.COLOR_GRAY2RGB))
         shrunk = cv2.resize(image, size, interpolation=cv2.INTER_AREA).reshape(size[1], size[0], -1)
         wide, tall = self.about.input_px
         padded = np.pad(shrunk, ((0, tall - size[1]), (0, wide - size[0]), (0, 0)), mode="edge")
-        ordered = padded[..., ::-1] if self.about.colors == "bgr" else padded
-        channels = slice(0, 1 if is_gray else 3)
-        scaled = (ordered - np.array(self.about.mean)[channels]) / np.array(self.about.std)[channels]
-        return np.ascontiguousarray(scaled.transpose(2, 0, 1)[None], np.float32)
+        return as_input(padded, self.about.colors, self.about.mean, self.about.std)
 
 
 def stereo_network(settings: MatchSettings) -> StereoNetwork:

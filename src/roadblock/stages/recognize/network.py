@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from roadblock.errors import SettingsError
-from roadblock.network import Floats32, Session
+from roadblock.network import Floats32, Session, as_bytes, as_input
 from roadblock.stages.recognize.description import NetworkDescription, read_description
 from roadblock.stages.recognize.layouts import Seen, decode
 from roadblock.stages.recognize.settings import RecognizeSettings
@@ -71,7 +71,7 @@ class NetworkRecognizer:
 
 def prepared(image: Image, about: NetworkDescription) -> tuple[Floats32, FloatArray, FloatArray]:
     """Return an image as the network wants it, and how its pixels lie there: factor and shift along u and v."""
-    rgb = (image // 257).astype(np.uint8) if image.dtype == np.uint16 else image
+    rgb = as_bytes(image)
     rgb = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_GRAY2RGB)) if rgb.ndim == 2 else rgb
     width, height = about.input_px
     scale = np.array([width / rgb.shape[1], height / rgb.shape[0]])
@@ -81,9 +81,7 @@ def prepared(image: Image, about: NetworkDescription) -> tuple[Floats32, FloatAr
     shift = ((width, height) - size) // 2 if about.letterbox and about.centered else np.zeros(2, int)
     canvas = np.full((height, width, 3), about.pad, np.uint8)
     canvas[shift[1] : shift[1] + size[1], shift[0] : shift[0] + size[0]] = cv2.resize(rgb, size.tolist())
-    ordered = canvas[..., ::-1] if about.colors == "bgr" else canvas
-    scaled = (ordered - np.array(about.mean)) / np.array(about.std)
-    return np.ascontiguousarray(scaled.transpose(2, 0, 1)[None], np.float32), scale, shift.astype(float)
+    return as_input(canvas, about.colors, about.mean, about.std), scale, shift.astype(float)
 
 
 def named(obstacles: Sequence[Obstacle], seen: Seen, about: NetworkDescription) -> tuple[Obstacle, ...]:

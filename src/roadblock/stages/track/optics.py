@@ -34,7 +34,7 @@ class Optics:
     def __init__(self, rectification: Rectification, T_vehicle_car: FloatArray) -> None:
         r = self.rectification = rectification
         self.T_vehicle_car, self.T_car_vehicle = np.array(T_vehicle_car, float), inverse(T_vehicle_car)
-        self.twin = np.array([r.f_px, r.cx_px, r.cy_px, r.baseline_m], float)
+        self.twin = r.numbers
         self.ahead = self.T_car_vehicle[2].copy()
         self.eye = transform(self.T_vehicle_car, [-r.baseline_m / 2, 0.0, 0.0])
         self.fb = r.f_px * r.baseline_m
