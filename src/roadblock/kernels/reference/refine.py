@@ -128,9 +128,9 @@ class Model(NamedTuple):
     f_baseline: float
     noise: float
     gain: float
-    slope: float = 1.0
-    relief_m: float = 0.05
-    relief_share: float = 0.2
+    slope: float = 3.0
+    relief_m: float = 0.03
+    relief_share: float = 0.15
     relief_most_m: float = 1.0
     rim_m: float = 0.0
     rim_px: float = 0.01

@@ -24,18 +24,19 @@ SETTLED_PX, FARTHEST_PX, LEAST_USED, LEAST_PIXELS, LEAST_INNER = 0.05, 3.0, 0.3,
 share of its pixels, of which there are at least so many and this share inside the outline: what is two pixels wide
 is seen mixed with what is behind it everywhere."""
 
-CONTRADICTS = 3.0
+CONTRADICTS = 2.5
 """The nearest face is no more than so many of the detector's standard deviations from where that saw it."""
 
 MEAN_SPREAD, MEAN_UNSEEN = 0.9, 0.45
-NEAREST_SPREAD, NEAREST_UNSEEN = 1.3, 0.65
-FLOOR_PX, NEAREST_M = 0.006, 0.02
+NEAREST_SPREAD, NEAREST_UNSEEN = 1.0, 0.5
+FLOOR_PX, NEAREST_M = 0.006, 0.03
 """What the blocks' scatter and the relief that the fit could not resolve do to the mean and to the nearest face; and
 what is left: of both, pixels; and of the nearest face, of which a detector misses the lowest part, metres."""
 
-OWN_LOOKS, DOUBT = 0.05, 0.4
-"""Where less than this share of the energy is surely the thing's own, the fit may be that of the background around it:
-then it is unsure by so much of how far it moved from what the detector saw, or of that one's standard deviation."""
+OWN_LOOKS, MISFIT, DOUBT = 0.05, 5.0, 0.4
+"""Where less than this share of the energy is surely the thing's own, or the two images differ by more than so many
+times the noise, the fit may be that of the background around it, or of what hides it: then it is unsure by so much of
+how far it moved from what the detector saw, or of that one's standard deviation."""
 
 
 def refine(pair: RectifiedPair, regions: Sequence[Region], settings: RefineSettings) -> tuple[Region, ...]:
@@ -63,7 +64,7 @@ def refine(pair: RectifiedPair, regions: Sequence[Region], settings: RefineSetti
     model = Model(r.f_px, r.f_px * r.baseline_m, *survey(left, right), **LEVELS[settings.level])
     figures = refine_regions(left, right, first, np.concatenate(surfaces), model)
     return tuple(
-        replace(region, refined=judged(row, region, model.f_baseline))
+        replace(region, refined=judged(row, region, model))
         for region, row in zip(regions, figures.tolist(), strict=True)
     )
 
@@ -74,7 +75,7 @@ def to_gray8(image: Image) -> Gray:
     return np.ascontiguousarray(gray if gray.dtype == np.uint8 else (gray // 256).astype(np.uint8))
 
 
-def judged(figures: Sequence[float], region: Region, f_baseline: float) -> Refinement | None:
+def judged(figures: Sequence[float], region: Region, model: Model) -> Refinement | None:
     """Return what a fit is worth; None where it is no better than what the detector knew, or contradicts it."""
     f = dict(zip(FIGURES, figures, strict=True))
     converged = (
@@ -87,19 +88,20 @@ def judged(figures: Sequence[float], region: Region, f_baseline: float) -> Refin
     )
     if not converged:
         return None
-    sigma_mean, sigma_nearest = sigmas(f, f_baseline, region.sigma_d_px)
+    sigma_mean, sigma_nearest = sigmas(f, model, region.sigma_d_px)
     if sigma_nearest >= region.sigma_d_px or abs(f["nearest_px"] - f["coarse_px"]) > CONTRADICTS * region.sigma_d_px:
         return None
     return Refinement(f["mean_px"], sigma_mean, f["nearest_px"], sigma_nearest, f["moved_px"], f["residual"], f["used"])
 
 
-def sigmas(f: dict[str, float], f_baseline: float, coarse_px: float) -> tuple[float, float]:
+def sigmas(f: dict[str, float], model: Model, coarse_px: float) -> tuple[float, float]:
     """Return one standard deviation of mean_px and of nearest_px, pixels.
 
     The factors were chosen once, on exact masks of simulated streets (docs/refinement.md).
     """
     spread, unseen = max(f["scatter_px"], f["noise_px"]), f["unseen_px"]
-    doubt = math.sqrt(max(1 - f["core"] / OWN_LOOKS, 0)) * DOUBT * max(abs(f["moved_px"]), coarse_px)
-    mean = math.hypot(MEAN_SPREAD * spread, MEAN_UNSEEN * unseen, FLOOR_PX, doubt)
-    edge = NEAREST_M * f["mean_px"] ** 2 / f_baseline
-    return mean, math.hypot(NEAREST_SPREAD * spread, NEAREST_UNSEEN * unseen, FLOOR_PX, doubt, edge)
+    doubt = max(1 - f["core"] / OWN_LOOKS, 1 - (MISFIT * model.noise / f["residual"]) ** 2, 0.0)
+    unsure = math.sqrt(doubt) * DOUBT * max(abs(f["moved_px"]), coarse_px)
+    mean = math.hypot(MEAN_SPREAD * spread, MEAN_UNSEEN * unseen, FLOOR_PX, unsure)
+    edge = NEAREST_M * f["mean_px"] ** 2 / model.f_baseline
+    return mean, math.hypot(NEAREST_SPREAD * spread, NEAREST_UNSEEN * unseen, FLOOR_PX, unsure, edge)
