@@ -184,7 +184,7 @@ def refine_region(left, right, box, uvd, planes, beside, lines, blocks, fir, mod
         tie = max(model.slope * b * mean / model.f_px, 2e-3)
         mean = smooth(across, d, target, inform, count, mean, 1 / (tie * tie), relief)
         last = abs(mean - before)
-        if iteration > 0 and last < SETTLED_PX:
+        if iteration > 1 and last < SETTLED_PX:
             break
     summarize(d, target, inform, count, mean, relief, sums[3], sums[0], figures)
     figures[5], figures[6] = last, figures[0] - coarse_mean

@@ -264,7 +264,7 @@ def refine_region(
             return nothing
         before, relief = mean, seen_relief(blocks, mean, deepest, model)
         mean = smooth(blocks, mean, relief, model)
-        if iteration > 0 and abs(mean - before) < SETTLED_PX:
+        if iteration > 1 and abs(mean - before) < SETTLED_PX:
             break
     unseen, figures = summarize(blocks, mean, relief)
     measured = [

@@ -4,20 +4,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from roadblock.kernels.compiled.refine import refine_regions, survey
+from roadblock.kernels.gray import gray8
 from roadblock.kernels.reference.refine import FIGURES, Model
+from roadblock.stages.refine.fine import refine_finely
 from roadblock.stages.refine.settings import RefineSettings
-from roadblock.values.frame import Image, RectifiedPair
+from roadblock.values.frame import RectifiedPair
 from roadblock.values.scene import Refinement, Region
-
-Gray = NDArray[np.uint8]
-
-LEVELS: dict[str, dict[str, int]] = {"fast": {}, "shape": {"most_blocks": 4096, "many_pixels": 1 << 30}}
-"""How finely a region is looked at."""
 
 SETTLED_PX, FARTHEST_PX, LEAST_USED, LEAST_PIXELS, LEAST_INNER = 0.05, 3.0, 0.3, 24, 0.1
 """A fit counts whose last step was no larger, which ended no farther from the coarse disparity, and that explains this
@@ -28,7 +23,7 @@ CONTRADICTS = 2.5
 """The nearest face is no more than so many of the detector's standard deviations from where that saw it."""
 
 MEAN_SPREAD, MEAN_UNSEEN = 0.9, 0.45
-NEAREST_SPREAD, NEAREST_UNSEEN = 1.0, 0.5
+NEAREST_SPREAD, NEAREST_UNSEEN = 1.0, 0.75
 FLOOR_PX, NEAREST_M = 0.006, 0.03
 """What the blocks' scatter and the relief that the fit could not resolve do to the mean and to the nearest face; and
 what is left: of both, pixels; and of the nearest face, of which a detector misses the lowest part, metres."""
@@ -58,24 +53,21 @@ def refine(pair: RectifiedPair, regions: Sequence[Region], settings: RefineSetti
     """
     if settings.level == "off" or not regions:
         return tuple(regions)
-    left, right, r = to_gray8(pair.left), to_gray8(pair.right), pair.rectification
-    surfaces = [region.surface_uvd_px for region in regions]
-    first = np.cumsum([0, *map(len, surfaces)])
-    model = Model(r.f_px, r.f_px * r.baseline_m, *survey(left, right), **LEVELS[settings.level])
-    figures = refine_regions(left, right, first, np.concatenate(surfaces), model)
+    surfaces, r = [region.surface_uvd_px for region in regions], pair.rectification
+    first, uvd, numbers = np.cumsum([0, *map(len, surfaces)]), np.concatenate(surfaces), (r.f_px, r.f_px * r.baseline_m)
+    if settings.level == "shape":
+        figures, down_px, model = refine_finely(pair, first, uvd, numbers)
+    else:
+        left, right = gray8(pair.left, pair.right)
+        model, down_px = Model(*numbers, *survey(left, right)), np.zeros(len(regions))
+        figures = refine_regions(left, right, first, uvd, model)
     return tuple(
-        replace(region, refined=judged(row, region, model))
-        for region, row in zip(regions, figures.tolist(), strict=True)
+        replace(region, refined=judged(row, down, region, model))
+        for region, row, down in zip(regions, figures.tolist(), down_px.tolist(), strict=True)
     )
 
 
-def to_gray8(image: Image) -> Gray:
-    """Return an image as 8-bit grey."""
-    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
-    return np.ascontiguousarray(gray if gray.dtype == np.uint8 else (gray // 256).astype(np.uint8))
-
-
-def judged(figures: Sequence[float], region: Region, model: Model) -> Refinement | None:
+def judged(figures: Sequence[float], down_px: float, region: Region, model: Model) -> Refinement | None:
     """Return what a fit is worth; None where it is no better than what the detector knew, or contradicts it."""
     f = dict(zip(FIGURES, figures, strict=True))
     converged = (
@@ -91,7 +83,8 @@ def judged(figures: Sequence[float], region: Region, model: Model) -> Refinement
     sigma_mean, sigma_nearest = sigmas(f, model, region.sigma_d_px)
     if sigma_nearest >= region.sigma_d_px or abs(f["nearest_px"] - f["coarse_px"]) > CONTRADICTS * region.sigma_d_px:
         return None
-    return Refinement(f["mean_px"], sigma_mean, f["nearest_px"], sigma_nearest, f["moved_px"], f["residual"], f["used"])
+    shown = (f["moved_px"], f["residual"], f["used"], down_px)
+    return Refinement(f["mean_px"], sigma_mean, f["nearest_px"], sigma_nearest, *shown)
 
 
 def sigmas(f: dict[str, float], model: Model, coarse_px: float) -> tuple[float, float]:
