@@ -308,7 +308,7 @@ def fill_template(left, box, step, mean, noise2, model, mask, lines, template, s
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def search(template, mask, other, seen, origin, step, b, across, d, count):  # type: ignore[no-untyped-def]
-    """Return by how many whole pixels the region fits best, -SEARCH_PX..SEARCH_PX."""
+    """Return by how many whole pixels every other row fits best, -SEARCH_PX..SEARCH_PX."""
     best, least, rows = 0, np.float64(np.inf), len(mask)
     most = eight(WORST_PX)
     for shift in range(-SEARCH_PX, SEARCH_PX + 1):
@@ -318,7 +318,8 @@ def search(template, mask, other, seen, origin, step, b, across, d, count):  # t
                 continue
             i, c = k // across, k % across
             to = origin - int(np.floor(d[k] + 0.5)) - shift
-            for y in range((i * 2 * b + step - 1) // step, min((2 * b * (i + 1) + step - 1) // step, rows)):
+            top = (i * 2 * b + step - 1) // step
+            for y in range(top + top % 2, min((2 * b * (i + 1) + step - 1) // step, rows), 2):
                 for x in range(c * b, c * b + b, 8):
                     w = load_reals(mask, y, MARGIN + x) * load_reals(seen, 0, to + x - TAPS // 2)
                     e = load_reals(template, y, MARGIN + x) - load_reals(other, y, to + x)

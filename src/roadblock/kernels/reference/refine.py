@@ -240,7 +240,8 @@ def refine_region(
     keep = there & (u + u0 >= 2) & (u + u0 < left.shape[1] - 2) & (blocks.count[v // (2 * side), u // side] > 0)
     u, v, template, slope, weight = u[keep], v[keep], template[keep], slope[keep], weight[keep]
     of = (v // (2 * side), u // side)
-    moved = search(template, right, u + u0, v + v0, blocks.d[of])
+    other = v % (2 * step) == 0
+    moved = search(template[other], right, (u + u0)[other], (v + v0)[other], blocks.d[of][other])
     blocks.d += moved
     coarse_mean, mean = mean, mean + moved
     gain, offset, residual2, noise2 = model.gain, 0.0, -1.0, 2 * model.noise**2
@@ -336,7 +337,7 @@ def template_of(
 
 
 def search(template: Floats, right: Gray, x: NDArray[np.int64], y: NDArray[np.int64], d: Floats) -> int:
-    """Return by how many whole pixels the region fits best, -SEARCH_PX..SEARCH_PX."""
+    """Return by how many whole pixels these pixels fit best, -SEARCH_PX..SEARCH_PX."""
     costs = {}
     for shift in range(-SEARCH_PX, SEARCH_PX + 1):
         there = x - np.floor(d + 0.5).astype(int) - shift

@@ -1,8 +1,7 @@
 """Measure each region's disparity over all of its pixels, and say how sure that is."""
 
-import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from roadblock.kernels.gray import gray8
 from roadblock.kernels.reference.refine import FIGURES, Model
 from roadblock.stages.refine.fine import refine_finely
 from roadblock.stages.refine.settings import RefineSettings
+from roadblock.values.checks import FloatArray, unchecked
 from roadblock.values.frame import RectifiedPair
 from roadblock.values.scene import Refinement, Region
 
@@ -32,6 +32,8 @@ OWN_LOOKS, MISFIT, DOUBT = 0.05, 5.0, 0.4
 """Where less than this share of the energy is surely the thing's own, or the two images differ by more than so many
 times the noise, the fit may be that of the background around it, or of what hides it: then it is unsure by so much of
 how far it moved from what the detector saw, or of that one's standard deviation."""
+
+FIT = tuple(field.name for field in fields(Refinement))
 
 
 def refine(pair: RectifiedPair, regions: Sequence[Region], settings: RefineSettings) -> tuple[Region, ...]:
@@ -61,40 +63,50 @@ def refine(pair: RectifiedPair, regions: Sequence[Region], settings: RefineSetti
         left, right = gray8(pair.left, pair.right)
         model, down_px = Model(*numbers, *survey(left, right)), np.zeros(len(regions))
         figures = refine_regions(left, right, first, uvd, model)
+    fits = judged(figures, np.array([region.sigma_d_px for region in regions]), down_px, model)
     return tuple(
-        replace(region, refined=judged(row, down, region, model))
-        for region, row, down in zip(regions, figures.tolist(), down_px.tolist(), strict=True)
+        region if fit is None else unchecked(Region, **(vars(region) | {"refined": fit}))
+        for region, fit in zip(regions, fits, strict=True)
     )
 
 
-def judged(figures: Sequence[float], down_px: float, region: Region, model: Model) -> Refinement | None:
-    """Return what a fit is worth; None where it is no better than what the detector knew, or contradicts it."""
-    f = dict(zip(FIGURES, figures, strict=True))
-    converged = (
-        f["step_px"] <= SETTLED_PX
-        and abs(f["moved_px"]) <= FARTHEST_PX
-        and f["used"] >= LEAST_USED
-        and f["pixels"] >= LEAST_PIXELS
-        and f["inner"] >= LEAST_INNER
-        and min(f["mean_px"], f["nearest_px"]) > 0
-    )
-    if not converged:
-        return None
-    sigma_mean, sigma_nearest = sigmas(f, model, region.sigma_d_px)
-    if sigma_nearest >= region.sigma_d_px or abs(f["nearest_px"] - f["coarse_px"]) > CONTRADICTS * region.sigma_d_px:
-        return None
-    shown = (f["moved_px"], f["residual"], f["used"], down_px)
-    return Refinement(f["mean_px"], sigma_mean, f["nearest_px"], sigma_nearest, *shown)
+def judged(
+    figures: FloatArray, coarse_px: FloatArray, down_px: FloatArray, model: Model
+) -> Iterator[Refinement | None]:
+    """Yield what each fit is worth; None where it is no better than what the detector knew, or contradicts it.
 
-
-def sigmas(f: dict[str, float], model: Model, coarse_px: float) -> tuple[float, float]:
-    """Return one standard deviation of mean_px and of nearest_px, pixels.
-
-    The factors were chosen once, on exact masks of simulated streets (docs/refinement.md).
+    Parameters
+    ----------
+    figures
+        (n, len(FIGURES)) of the fits; NaN where there is none.
+    coarse_px
+        (n,) standard deviations of the detector's disparities, pixels.
+    down_px
+        (n,) by how much lower the right image lies, pixels.
+    model
+        See `Model`.
     """
-    spread, unseen = max(f["scatter_px"], f["noise_px"]), f["unseen_px"]
-    doubt = max(1 - f["core"] / OWN_LOOKS, 1 - (MISFIT * model.noise / f["residual"]) ** 2, 0.0)
-    unsure = math.sqrt(doubt) * DOUBT * max(abs(f["moved_px"]), coarse_px)
-    mean = math.hypot(MEAN_SPREAD * spread, MEAN_UNSEEN * unseen, FLOOR_PX, unsure)
-    edge = NEAREST_M * f["mean_px"] ** 2 / model.f_baseline
-    return mean, math.hypot(NEAREST_SPREAD * spread, NEAREST_UNSEEN * unseen, FLOOR_PX, unsure, edge)
+    f = dict(zip(FIGURES, figures.T, strict=True))
+    sigma_mean, sigma_nearest = sigmas(f, coarse_px, model)
+    counts = (f["step_px"] <= SETTLED_PX) & (np.abs(f["moved_px"]) <= FARTHEST_PX) & (f["used"] >= LEAST_USED)
+    counts &= (f["pixels"] >= LEAST_PIXELS) & (f["inner"] >= LEAST_INNER) & (sigma_nearest < coarse_px)
+    counts &= (np.minimum(f["mean_px"], f["nearest_px"]) > 0) & (sigma_mean > 0)
+    counts &= np.abs(f["nearest_px"] - f["coarse_px"]) <= CONTRADICTS * coarse_px
+    fits = (f["mean_px"], sigma_mean, f["nearest_px"], sigma_nearest, f["moved_px"], f["residual"], f["used"], down_px)
+    for is_better, fit in zip(counts.tolist(), np.stack(fits, 1).tolist(), strict=True):
+        yield unchecked(Refinement, **dict(zip(FIT, fit, strict=True))) if is_better else None
+
+
+def sigmas(f: Mapping[str, FloatArray], coarse_px: FloatArray, model: Model) -> tuple[FloatArray, FloatArray]:
+    """Return one standard deviation of mean_px and of nearest_px, (n,) each, pixels.
+
+    The factors were chosen once, on simulated streets (docs/refinement.md).
+    """
+    spread2, unseen2 = np.maximum(f["scatter_px"], f["noise_px"]) ** 2, f["unseen_px"] ** 2
+    with np.errstate(divide="ignore"):
+        misfit = 1 - (MISFIT * model.noise / f["residual"]) ** 2
+    doubt = np.maximum(np.maximum(1 - f["core"] / OWN_LOOKS, misfit), 0.0)
+    all2 = FLOOR_PX**2 + doubt * (DOUBT * np.maximum(np.abs(f["moved_px"]), coarse_px)) ** 2
+    edge2 = (NEAREST_M * f["mean_px"] ** 2 / model.f_baseline) ** 2
+    mean2 = MEAN_SPREAD**2 * spread2 + MEAN_UNSEEN**2 * unseen2 + all2
+    return np.sqrt(mean2), np.sqrt(NEAREST_SPREAD**2 * spread2 + NEAREST_UNSEEN**2 * unseen2 + all2 + edge2)
