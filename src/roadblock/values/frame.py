@@ -92,7 +92,7 @@ class RectifiedPair:
         (left, right) grey 8 bit images of half the size, whose pixels are means of 2x2 full ones; None if nobody
         made them. What looks at half the resolution only never pays for the full one: see `deferred`.
     raw
-        (left, right) `Image`s that the rectification's maps sample; None where nobody has them.
+        (left, right) grey 8 bit images that the rectification's maps sample; None where nobody has them.
     rectification
         The twin cameras they belong to.
     index, name, t_ns
@@ -117,7 +117,7 @@ class RectifiedPair:
         self._left, self._right = cache(lambda: left), cache(lambda: right)
         self._left_colors = cache(lambda width_px, height_px: _middles(self._part, width_px, height_px))
         self.half: tuple[Gray, Gray] | None = None
-        self.raw: tuple[Image, Image] | None = None
+        self.raw: tuple[Gray, Gray] | None = None
         self.rectification, self.index, self.name, self.t_ns = rectification, index, name, t_ns
 
     @classmethod
@@ -126,7 +126,7 @@ class RectifiedPair:
         left: Callable[[Window], Image],
         right: Callable[[Window], Image],
         half: tuple[Gray, Gray],
-        raw: tuple[Image, Image] | None,
+        raw: tuple[Gray, Gray] | None,
         rectification: Rectification,
         index: int = 0,
         name: str = "0",

@@ -1,7 +1,6 @@
 """The images once more, for offline work: from the raw ones by quintic B-splines, with rows that may be off."""
 
-from collections.abc import Sequence
-from itertools import pairwise
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -9,24 +8,20 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
 from roadblock.kernels.compiled.refine import refine_regions, survey
-from roadblock.kernels.gray import gray8
 from roadblock.kernels.reference.refine import FIGURES, Model
+from roadblock.stages.refine.views import Box, Maps, painted, raw_sides, windows
 from roadblock.values.checks import FloatArray
-from roadblock.values.frame import RectifiedPair
-
-Gray = NDArray[np.uint8]
-Maps = tuple[NDArray[np.float32], NDArray[np.float32]] | None
-Box = tuple[slice, slice]
+from roadblock.values.frame import Gray, RectifiedPair
 
 ORDER: Final = 5
-REACH_PX, MARGIN_PX = 12, 24
-"""Of the splines; how far around they need the raw image; and how far around a region it is looked at."""
+REACH_PX = 12
+"""Of the splines, and how far around they need the raw image."""
 
 DOWN_PX, DOWN_SIGMA_PX = 0.25, 0.1
 """The right image is tried so far up and down; and how far calibrated rows usually are off (standard deviation)."""
 
-MOST_BLOCKS, MANY_PIXELS = 4096, 1 << 30
-"""A region is cut into so many blocks, and all of its rows count."""
+FINELY = {"most_blocks": 4096, "many_pixels": 1 << 30, "rounds": 15}
+"""A region is cut into so many blocks, all of its rows count, and there is time for what is deep to settle."""
 
 MOVED, RESIDUAL, USED, PIXELS, COARSE = map(FIGURES.index, ("moved_px", "residual", "used", "pixels", "coarse_px"))
 
@@ -50,13 +45,14 @@ def refine_finely(
     (n, len(FIGURES)) figures; (n,) how much lower the right image is than the rig says, pixels: where each region's
     residual is least, held near 0; and the model.
     """
-    r, raw = pair.rectification, pair.raw or (pair.left, pair.right)
-    sides = gray8(*raw)
+    r, sides = pair.rectification, raw_sides(pair)
     maps = (r.maps_left, r.maps_right) if pair.raw else (None, None)
-    model = Model(*numbers, *survey(*sides))._replace(most_blocks=MOST_BLOCKS, many_pixels=MANY_PIXELS)
-    ours, theirs = zip(*(window_of(uvd[a:b], r.size_px) for a, b in pairwise(first)), strict=True)
-    left = painted(sides[0], maps[0], ours, r.size_px, 0.0)
-    rights = [painted(sides[1], maps[1], theirs, r.size_px, down_px) for down_px in (-DOWN_PX, 0.0, DOWN_PX)]
+    model = Model(*numbers, *survey(*sides))._replace(**FINELY)
+    ours, theirs = windows(first, uvd, r.size_px)
+    left = painted(ours, r.size_px, partial(finely, sides[0], maps[0], 0.0))
+    rights = [
+        painted(theirs, r.size_px, partial(finely, sides[1], maps[1], down_px)) for down_px in (-DOWN_PX, 0.0, DOWN_PX)
+    ]
     begun = refine_regions(left, rights[1], first, uvd, model)
     moved = uvd.copy()
     moved[:, 2] += np.repeat(np.nan_to_num(begun[:, MOVED]), np.diff(first))
@@ -82,28 +78,13 @@ def lowest(figures: FloatArray) -> float:
     return float(np.clip(-slope / (max(bend, 0.0) + DOWN_SIGMA_PX**-2), -DOWN_PX, DOWN_PX))
 
 
-def window_of(uvd: FloatArray, size_px: tuple[int, int]) -> tuple[Box, Box]:
-    """Return the rows and columns of the left and of the right image that a region needs."""
-    (u0, v0, near), (u1, v1, far) = uvd.max(0), uvd.min(0)
-    rows = slice(max(int(v1) - MARGIN_PX, 0), min(int(v0) + MARGIN_PX, size_px[1]))
-    columns = [
-        slice(max(int(low) - MARGIN_PX, 0), max(min(int(high) + MARGIN_PX, size_px[0]), 0))
-        for low, high in ((u1, u0), (u1 - near, u0 - far))
-    ]
-    return (rows, columns[0]), (rows, columns[1])
+def finely(raw: Gray, maps: Maps | None, down_px: float, box: Box) -> Gray:
+    """Return a part of a rectified image, from `down_px` lower."""
+    v, u = np.mgrid[box].astype(float)
+    return spline(raw, *raw_place(maps, u, v + down_px))
 
 
-def painted(raw: Gray, maps: Maps, windows: Sequence[Box], size_px: tuple[int, int], down_px: float) -> Gray:
-    """Return a rectified image, `down_px` lower, whose windows alone are filled in."""
-    image = np.zeros(size_px[::-1], np.uint8)
-    for window in windows:
-        v, u = np.mgrid[window].astype(float)
-        if u.size:
-            image[window] = spline(raw, *raw_place(maps, u, v + down_px))
-    return image
-
-
-def raw_place(maps: Maps, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+def raw_place(maps: Maps | None, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return columns and rows of the raw image for places of the rectified one."""
     if maps is None:
         return u, v

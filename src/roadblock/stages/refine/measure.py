@@ -6,10 +6,10 @@ from dataclasses import fields
 import numpy as np
 
 from roadblock.kernels.compiled.refine import refine_regions, survey
-from roadblock.kernels.gray import gray8
 from roadblock.kernels.reference.refine import FIGURES, Model
 from roadblock.stages.refine.fine import refine_finely
 from roadblock.stages.refine.settings import RefineSettings
+from roadblock.stages.refine.views import quick_views, raw_sides
 from roadblock.values.checks import FloatArray, unchecked
 from roadblock.values.frame import RectifiedPair
 from roadblock.values.scene import Refinement, Region
@@ -23,10 +23,11 @@ CONTRADICTS = 2.5
 """The nearest face is no more than so many of the detector's standard deviations from where that saw it."""
 
 MEAN_SPREAD, MEAN_UNSEEN = 0.9, 0.45
-NEAREST_SPREAD, NEAREST_UNSEEN = 1.0, 0.75
-FLOOR_PX, NEAREST_M = 0.006, 0.03
-"""What the blocks' scatter and the relief that the fit could not resolve do to the mean and to the nearest face; and
-what is left: of both, pixels; and of the nearest face, of which a detector misses the lowest part, metres."""
+NEAREST_SPREAD, NEAREST_UNSEEN = 1.0, 1.0
+FLOOR_PX, NEAREST_M = 0.006, 0.02
+"""What the blocks' scatter and the relief that the fit could not resolve do to the mean, and those of the nearest part
+to the nearest face; and what is left: of both, pixels; and of the nearest face, of which a detector misses the lowest
+part, metres."""
 
 OWN_LOOKS, MISFIT, DOUBT = 0.05, 5.0, 0.4
 """Where less than this share of the energy is surely the thing's own, or the two images differ by more than so many
@@ -60,9 +61,8 @@ def refine(pair: RectifiedPair, regions: Sequence[Region], settings: RefineSetti
     if settings.level == "shape":
         figures, down_px, model = refine_finely(pair, first, uvd, numbers)
     else:
-        left, right = gray8(pair.left, pair.right)
-        model, down_px = Model(*numbers, *survey(left, right)), np.zeros(len(regions))
-        figures = refine_regions(left, right, first, uvd, model)
+        model, down_px = Model(*numbers, *survey(*raw_sides(pair))), np.zeros(len(regions))
+        figures = refine_regions(*quick_views(pair, first, uvd), first, uvd, model)
     fits = judged(figures, np.array([region.sigma_d_px for region in regions]), down_px, model)
     return tuple(
         region if fit is None else unchecked(Region, **(vars(region) | {"refined": fit}))
@@ -102,11 +102,11 @@ def sigmas(f: Mapping[str, FloatArray], coarse_px: FloatArray, model: Model) -> 
 
     The factors were chosen once, on simulated streets (docs/refinement.md).
     """
-    spread2, unseen2 = np.maximum(f["scatter_px"], f["noise_px"]) ** 2, f["unseen_px"] ** 2
     with np.errstate(divide="ignore"):
         misfit = 1 - (MISFIT * model.noise / f["residual"]) ** 2
     doubt = np.maximum(np.maximum(1 - f["core"] / OWN_LOOKS, misfit), 0.0)
     all2 = FLOOR_PX**2 + doubt * (DOUBT * np.maximum(np.abs(f["moved_px"]), coarse_px)) ** 2
     edge2 = (NEAREST_M * f["mean_px"] ** 2 / model.f_baseline) ** 2
-    mean2 = MEAN_SPREAD**2 * spread2 + MEAN_UNSEEN**2 * unseen2 + all2
-    return np.sqrt(mean2), np.sqrt(NEAREST_SPREAD**2 * spread2 + NEAREST_UNSEEN**2 * unseen2 + all2 + edge2)
+    mean2 = (MEAN_SPREAD * np.maximum(f["scatter_px"], f["noise_px"])) ** 2 + (MEAN_UNSEEN * f["unseen_px"]) ** 2
+    nearest2 = (NEAREST_SPREAD * f["front_px"]) ** 2 + (NEAREST_UNSEEN * f["front_unseen_px"]) ** 2 + edge2
+    return np.sqrt(mean2 + all2), np.sqrt(nearest2 + all2)
