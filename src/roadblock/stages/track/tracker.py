@@ -14,6 +14,7 @@ from roadblock.kernels.compiled.track import (
     compare,
     correct,
     correct_velocity,
+    deviation,
     feel,
     learn,
     predict,
@@ -21,9 +22,10 @@ from roadblock.kernels.compiled.track import (
 from roadblock.kernels.reference.track import FAR, SIZE, TINY
 from roadblock.stages.track.associate import assign, covered
 from roadblock.stages.track.bank import Bank, Seen, see
-from roadblock.stages.track.describe import WELL_KNOWN, describe, moved_obstacle
+from roadblock.stages.track.describe import MOVED_S, SURE, WELL_KNOWN, describe, moved_obstacle
 from roadblock.stages.track.optics import Optics
 from roadblock.stages.track.settings import TrackSettings
+from roadblock.stages.track.traces import Traces
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.motion import EgoMotion, Flow, Track
@@ -100,6 +102,7 @@ class Tracker:
         )
         self._twist, self._twist_cov, self._twist_t_ns = np.zeros(6), np.zeros((6, 6)), 0
         self._over_ground = False
+        self._traces = Traces(self.optics.twin)
 
     def update(
         self, obstacles: Sequence[Obstacle], t_ns: int, ego: EgoMotion | None, free_space: FreeSpace | None = None
@@ -134,11 +137,14 @@ class Tracker:
         expected = self._expected(self._bank)
         rows, columns, grown_px2 = self._matched(seen, expected)
         self._correct(rows, columns, grown_px2, seen, expected)
+        self._look_back(free_space)
         if ego is not None and ego.flow is not None and self._over_ground:
             self._feel(rows, ego.flow, dt_s)
         merged = self._merged(rows, seen, expected)
         shown = self._forget(rows, merged, dt_s, free_space)
         self._bear(columns, seen)  # behind those that are left
+        if free_space is not None:
+            self._traces.keep(self._bank, free_space, t_ns)
         return self._reported(seen, np.concatenate([shown, np.ones(len(self._bank) - len(shown), bool)]))
 
     def _expected(self, bank: Bank) -> _Expected:
@@ -147,10 +153,12 @@ class Tracker:
     def _predict(self, dt_s: float, t_ns: int, ego: EgoMotion | None) -> None:
         """Bring all tracks to the next frame."""
         if ego is not None and ego.T_now_before is not None and (ego.before_t_ns, ego.t_ns) == (self._t_ns, t_ns):
+            self._traces.move(ego.T_now_before)
             T, cov, self._twist = carry(ego.T_now_before, ego.cov, self.optics.T_vehicle_car, dt_s)
             self._twist_cov, self._twist_t_ns = cov / dt_s**2, t_ns
             self._ground(True)
         else:
+            self._traces.move(None)
             unknown_s = (t_ns - self._twist_t_ns) / 1e9
             if unknown_s > EGO_KNOWN_S:
                 self._ground(False)
@@ -288,6 +296,16 @@ class Tracker:
             self._ids += 1
             b.id[row] = self._ids
 
+    def _look_back(self, free_space: FreeSpace | None) -> None:
+        """Let tracks know whether they left where they were; without a road, their outlines are believed."""
+        b = self._bank
+        if free_space is None:
+            b.moved_ns[:] = self._t_ns
+            return
+        verdict = self._traces.judge(b, free_space, self._t_ns)
+        b.moved_ns[verdict.moved] = self._t_ns
+        b.slid = verdict.slid & (self._t_ns - b.moved_ns > 1e9 * MOVED_S)
+
     def _feel(self, rows: Indices, flow: Flow, dt_s: float) -> None:
         """Let tracks measured now know the velocity of the features on them."""
         if not len(rows) or not len(flow.uvd_px):
@@ -305,7 +323,10 @@ class Tracker:
             o.twin,
             o.T_car_vehicle,
         )
-        correct_velocity(rows, b.x, b.P, b.against, v_mps, cov + self._twist_cov[3:5, 3:5], known)
+        cov += self._twist_cov[3:5, 3:5]
+        correct_velocity(rows, b.x, b.P, b.against, v_mps, cov, known)
+        felt = rows[known & (deviation(v_mps, cov) > SURE)]
+        b.slid[felt], b.moved_ns[felt] = False, self._t_ns
 
     def _merged(self, rows: Indices, seen: Seen, expected: _Expected) -> NDArray[np.bool_]:
         """Return (n,) which tracks are not measured because they are part of something that is, at their distance."""
