@@ -485,6 +485,42 @@ def test_what_moves_leaves_its_place(what: str, motion: str, is_blocked: bool) -
         assert found.track.velocity_mps[0] == pytest.approx(8, abs=1)
 
 
+def test_a_narrow_box_may_be_twice_as_wide() -> None:
+    """A child 15 px wide, each end of whose box is off by 5: it is taken for itself, not for a piece of something."""
+    sigma_mps = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        world = World([Thing((18.0, -3.0), (0.0, 1.5), size=(0.38, 1.2))], speed=1.0, seed=seed)
+
+        def seen(t_s: float, rng: np.random.Generator = rng, world: World = world) -> list[Obstacle]:
+            (child,) = world.seen(t_s)
+            u0, v0, u1, v1 = child.box_px
+            left, right = np.sort(np.array([u0, u1]) + np.rint(5 * rng.standard_normal(2)).astype(int)).tolist()
+            width_m = max(right - left, 1) / child.uvd_px[2] * RECTIFICATION.baseline_m
+            size_m = np.array([width_m, 1.2, np.nan])
+            return [replace(child, box_px=(left, v0, max(right, left + 1), v1), size_m=size_m)]
+
+        *_, (_, (child,)) = drive(world, steps(1.4), seen=seen)
+        sigma_mps.append(child.track.velocity_sigma_mps[1])
+    assert max(sigma_mps) < 0.32
+
+
+def test_what_the_picture_cuts_is_not_always_the_same_part() -> None:
+    """The side of a van that is passed at 8 m/s, whose features stand: its place is where it is seen."""
+    tracker, rng = Tracker(RECTIFICATION, None), np.random.default_rng(4)
+    T, cov = pose(np.eye(3), [0.0, 0.0, -0.8]), np.diag([1e-8] * 3 + [1e-6] * 3)
+    for i in range(12):
+        range_m = max(12.0 - 0.8 * i, 6.5)
+        uvd = np.array([1100.0, 180.0, RECTIFICATION.f_px * RECTIFICATION.baseline_m / range_m])
+        van = replace(obstacle(uvd + SIGMA_PX / 2 * rng.standard_normal(3), (2.0, 2.0)), box_px=(960, 100, 1238, 300))
+        spread = rng.uniform([960, 100, 0.8], [1238, 300, 1.0], (12, 3)) * [1, 1, uvd[2]]
+        flow = flow_of(np.zeros(3), spread, 0.1, rng)
+        ego = EgoMotion(ns(i / 10 - 0.1), ns(i / 10), T, cov, flow=flow) if i else None
+        (found,) = tracker.update([van], ns(i / 10), ego)
+    assert found.track.position_m[0] == pytest.approx(6.5, abs=0.05)
+    assert np.hypot(*found.track.velocity_mps) < 0.7
+
+
 def test_free_space_of_other_columns_is_not_compared() -> None:
     tracker = Tracker(RECTIFICATION, None)
     world = World([Thing((20.0, 0.0))])

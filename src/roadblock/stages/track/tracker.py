@@ -48,6 +48,8 @@ SLIP_M, SLIP_S = 1.5, 1.0
 within this time: the velocity is so much less sure."""
 RETURN_S, RETURN_M = 0.25, 1.0
 """What was unseen for so long comes out from behind something: in part, joined to it, its distance may be off."""
+CUT_PX = 8
+"""A box that ends so near to the picture's side is cut by it: what shows of it is another part in each frame."""
 ALIKE_M, ALIKE_SHARE = 2.0, 0.15
 """What covers a track may be so far before or behind it to be taken for the whole of which it is a part."""
 LEAST_HALF_PX = 4.0
@@ -233,6 +235,7 @@ class Tracker:
                 seen.uvd,
                 seen.noise_px2,
                 seen.looks,
+                seen.boxes,
                 self.settings.gate,
             )
         )
@@ -288,13 +291,35 @@ class Tracker:
         )
 
     def _correct(self, rows: Indices, columns: Indices, grown_px2: FloatArray, seen: Seen, expected: _Expected) -> None:
-        """Let tracks know what was measured of them."""
+        """Let tracks know what was measured of them; the place of what the picture cuts is where it is seen."""
         b = self._bank
-        correct(rows, columns, b.x, b.P, expected.uvd, expected.J, seen.uvd, seen.noise_px2, grown_px2)
+        boxes = seen.boxes[columns]
+        is_cut = (boxes[:, 0] < CUT_PX) | (boxes[:, 2] > self.optics.rectification.size_px[0] - CUT_PX)
+        whole = ~is_cut
+        correct(
+            rows[whole],
+            columns[whole],
+            b.x,
+            b.P,
+            expected.uvd,
+            expected.J,
+            seen.uvd,
+            seen.noise_px2,
+            grown_px2[whole],
+        )
+        if is_cut.any():
+            self._replace(rows[is_cut], columns[is_cut], seen)
         b.note(rows, columns, seen, self._t_ns)
         for row in np.flatnonzero((b.id == 0) & (b.found >= CONFIRMED)).tolist():
             self._ids += 1
             b.id[row] = self._ids
+
+    def _replace(self, rows: Indices, columns: Indices, seen: Seen) -> None:
+        """Put tracks where they are measured, which says nothing about their velocities."""
+        b = self._bank
+        b.x[rows, :3], b.P[rows, :3, :3] = self.optics.place(seen.uvd[columns], seen.noise_px2[columns])
+        b.P[rows, :3, 3:] = 0.0
+        b.P[rows, 3:, :3] = 0.0
 
     def _look_back(self, free_space: FreeSpace | None) -> None:
         """Let tracks know whether they left where they were; without a road, their outlines are believed."""
@@ -350,13 +375,13 @@ class Tracker:
         if not missing.any():
             return ~merged
         b.missed[missing] += 1
-        uvd, _, _ = self.optics.see(b.x, b.P)
+        uvd, _, S = self.optics.see(b.x, b.P)
         inside = ((uvd[:, :2] >= 0) & (uvd[:, :2] < self.optics.rectification.size_px)).all(1)  # not so for NaN
         limit_s = np.where(merged, s.hidden_s, s.forget_s)
         looked = np.flatnonzero(missing & inside & ~merged & (b.id > 0))
         if free_space is not None and len(looked):
-            off_m, sigma_m = self._free_behind(looked, uvd[looked], free_space)
-            b.doubt_s[looked[off_m > CLEAR_M + 3 * sigma_m]] += dt_s
+            off_m, least_m, sigma_m = self._free_behind(looked, uvd[looked], S[looked, 0, 0], free_space)
+            b.doubt_s[looked[least_m > CLEAR_M + 3 * sigma_m]] += dt_s
             limit_s[looked[off_m < -CLEAR_M]] = s.hidden_s
         unseen_s = (self._t_ns - b.seen_ns) / 1e9
         gone = missing & (~inside | (unseen_s > limit_s) | (b.doubt_s > s.contradicted_s))
@@ -366,17 +391,20 @@ class Tracker:
         self._bank = b.chosen(~gone)
         return ~merged[~gone]
 
-    def _free_behind(self, rows: Indices, uvd: FloatArray, free_space: FreeSpace) -> tuple[FloatArray, FloatArray]:
-        """Return how far behind some tracks the road is seen to be free (< 0: it ends before), and their sigmas, m.
+    def _free_behind(
+        self, rows: Indices, uvd: FloatArray, u_var_px2: FloatArray, free_space: FreeSpace
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return how far behind some tracks the road is seen to be free (< 0: it ends before), m, and their sigmas.
 
-        NaN where nothing was seen.
+        First where they should be, then at least anywhere they may be. NaN where nothing was seen.
         """
         n = self.optics.ahead[:3]
         half_px = np.exp(self._bank.looks[rows, 0]) * uvd[:, 2] / self.optics.rectification.baseline_m / 4
-        free_m = clearance(
-            np.ascontiguousarray(uvd[:, 0]), np.maximum(half_px, LEAST_HALF_PX), free_space.u_px, free_space.range_m
-        )
-        return free_m - self.optics.fb / uvd[:, 2], np.sqrt(n @ self._bank.P[rows, :3, :3] @ n)
+        half_px = np.maximum(half_px, LEAST_HALF_PX)
+        u_px, wide_px = np.ascontiguousarray(uvd[:, 0]), half_px + 2 * np.sqrt(u_var_px2)
+        free_m, least_m = clearance(u_px, half_px, wide_px, free_space.u_px, free_space.range_m)
+        at_m = self.optics.fb / uvd[:, 2]
+        return free_m - at_m, least_m - at_m, np.sqrt(n @ self._bank.P[rows, :3, :3] @ n)
 
     def _bear(self, columns: Indices, seen: Seen) -> None:
         """Begin a track of everything that belongs to none."""
