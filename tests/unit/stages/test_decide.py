@@ -444,15 +444,27 @@ def test_who_walked_out_of_view_is_still_expected() -> None:
     assert "which moves" in told[7].reason
 
 
-def test_where_something_stood_nothing_moves() -> None:
-    decider = Decider(TWIN)
-    for k in range(12):
-        t_ns = START_NS + k * 100_000_000
-        standing = Thing(12.0 - 0.4 * k, -2.2, 1.0, (0.0, 0.0), "standing")
-        claimed = replace(standing, v=(0.0, 2.0), motion="moving") if k > 7 else standing
-        seen = free_space([standing])
-        decision = decider.decide([obstacle(claimed)], seen, step(t_ns, 0.4) if k else None, t_ns, ROAD)
-    assert decision.action == "none"
+@pytest.mark.parametrize("motion", ["moving", "unknown"])
+def test_who_walks_towards_the_car_is_stopped_for(motion: str) -> None:
+    walker = Thing(24.0, 0.0, 0.5, (-1.3, 0.0), motion, sigma_mps=0.3)
+    actions = Drive([walker]).run(16).actions
+    assert "brake" in actions
+    assert "swerve" not in actions
+
+
+def test_ways_keep_clear_of_where_something_may_have_gone() -> None:
+    """What seems to stand 14 m ahead may walk towards the car, if its sigma allows it: it would be met too soon."""
+    way, at_m = ways_aside(0.0, 0.0, SETTINGS), np.array([[14.0, 0.0]])
+    way = way.where(np.isclose(way.offset_m, 1.4) & (way.length_m == 14.0) & (way.deceleration_mps2 == 0))
+    for sigma_mps, is_clear in ((0.1, True), (3.0, False)):
+        thing = Hazards.of(at_m, sigma_mps=np.array([sigma_mps, 0.1]), doubt=0.6)
+        assert clear_of_moving(way, thing, 17.0, 8.0, SETTINGS).tolist() == [is_clear]
+
+
+def test_on_a_way_round_what_seems_to_move_counts() -> None:
+    walker = Hazards.of(np.array([[10.0, -2.2]]), np.array([0.0, 1.5]), sigma_mps=np.array([0.1, 0.3]), doubt=0.6)
+    contacts = [find_contact(straight_on(), walker, 8.0, 0.2, SETTINGS, strict=strict) for strict in (False, True)]
+    assert [contact is not None for contact in contacts] == [False, True]
 
 
 def test_a_wary_car_gives_more_room_to_what_moves() -> None:

@@ -33,15 +33,24 @@ class Contact(NamedTuple):
 
 
 def find_contact(
-    way: Ways, hazards: Hazards, speed_mps: float, margin_m: float, settings: DecideSettings, *, wary: bool = False
+    way: Ways,
+    hazards: Hazards,
+    speed_mps: float,
+    margin_m: float,
+    settings: DecideSettings,
+    *,
+    wary: bool = False,
+    strict: bool = False,
 ) -> Contact | None:
     """Return what the car touches first on a way (one) within `AHEAD_S`; None if nothing.
 
     Hazards are in the axes of the way. What is only beside it, and not known to come into it, never counts. Where
     several are in the way, the one that needs the hardest braking tells how hard. A wary car (one that brakes already)
-    gives what moves the room by which its way may be mistaken.
+    gives what moves the room by which its way may be mistaken; one that is strict leaves no doubt to what seems to
+    move.
     """
     s = settings
+    doubt = np.where(hazards.moves, 0.0, hazards.doubt) if strict else hazards.doubt
     if not len(hazards.at_m):
         return None
     gap_m = hazards.at_m[:, 0] - s.front_m
@@ -58,11 +67,11 @@ def find_contact(
     mistaken_m = np.minimum(WARY_M + hazards.sigma_mps[:, 1] * np.where(arrives, ttc, 0.0), MOST_WARY_M)
     room = margin_m + np.where(hazards.moves & wary, mistaken_m, 0.0)
     hit = arrives & (ends.min(0) < high + room) & (ends.max(0) > low - room)
-    hit &= (hazards.doubt == 0) | ((now < high + margin_m) & (now > low - margin_m))
+    hit &= (doubt == 0) | ((now < high + margin_m) & (now > low - margin_m))
     if not hit.any():
         return None
     needed = np.where(hit, _needed_mps2(gap_m, speed_mps, hazards.velocity_mps[:, 0], s), 0.0)
-    counts = hit & (needed >= hazards.doubt * s.brake_mps2)
+    counts = hit & (needed >= doubt * s.brake_mps2)
     of = counts if counts.any() else hit
     first = int(np.argmin(np.where(of, ttc, np.inf)))
     sigma = math.hypot(hazards.sigma_m[first], ttc[first] * hazards.sigma_mps[first, 0]) / closing[first]

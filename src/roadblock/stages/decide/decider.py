@@ -46,7 +46,8 @@ SEEN_FROM_M = 4.0
 """Nearer, at the sides, no camera sees it."""
 CROSSING_MPS = 0.6
 """What goes across the road so fast, or along it faster than `PASSED_MPS`, is not driven round."""
-PASSED_MPS = 2.0
+PASSED_MPS, TOWARDS_MPS = 2.0, -0.3
+"""Nor is what comes towards the car: the car stops for it."""
 CREEP_MPS = 2.0
 """How fast a car that has stopped would go on."""
 BLOCKED = 2
@@ -55,8 +56,6 @@ SLOWER_MPS2 = 2.5
 """How a car slows down that finds its way round blocked further on."""
 SAME_M = 1.0
 """What is remembered so near to a track belongs to it."""
-STOOD_M = 0.3
-"""What is so near to where something stood does not move, whatever its track says."""
 STRAIGHT_RADPS = 0.12
 """A road that turns the car faster bends too much to plan a way aside."""
 
@@ -163,7 +162,7 @@ class Decider:
             reach = np.where(np.isfinite(edge), edge, free.range_m)
             self._remember(self._kerbs, free, reach, np.isfinite(edge))
         stood = Hazards.of(self._own.from_here(self._stood.at_m), sigma_m=CELL_M)
-        faces = [_still(face, stood.at_m) for face in self._layout.faces(obstacles, free, self._movers)]
+        faces = self._layout.faces(obstacles, free, self._movers)
         sure = {o.track.id for o in obstacles if o.track is not None and o.track.motion == "moving"}
         return Hazards.joined([stood, *faces, *self._lost(faces, sure)])
 
@@ -243,11 +242,12 @@ class Decider:
         return Decision("none", told, found.ttc_s, found.sigma_s, obstacle_id=number)
 
     def _can_pass(self, hazards: Hazards, index: int) -> bool:
-        """Return whether what is in the way stands or walks along for sure, on a straight road."""
-        ahead, aside = np.abs(hazards.velocity_mps[index])
-        slow = bool(ahead < PASSED_MPS and aside < CROSSING_MPS)
+        """Return whether what is in the way stands, or goes along before the car, for sure, on a straight road."""
+        mine = np.hypot(*(hazards.at_m - hazards.at_m[index]).T) < SAME_M
+        ahead, aside = hazards.velocity_mps[mine].T
+        slow = (ahead < PASSED_MPS) & (ahead > TOWARDS_MPS) & (np.abs(aside) < CROSSING_MPS)
         known = bool(hazards.doubt[index] == 0) or self._brakes
-        return slow and known and abs(self._own.yaw_rate_radps) < STRAIGHT_RADPS
+        return bool(slow.all()) and known and abs(self._own.yaw_rate_radps) < STRAIGHT_RADPS
 
     def _in_road(self, hazards: Hazards) -> Hazards:
         """Return hazards in the axes of the road."""
@@ -283,8 +283,9 @@ class Decider:
         right, left = y[y < 0].max(initial=-np.inf), y[y > 0].min(initial=np.inf)
         ends = swept(ways, np.arange(0.0, until_m, 1.0), s)
         good &= (ends[0].min(1) > right + KERB_M) & (ends[1].max(1) < left - KERB_M)
-        if moves.any() and good.any():
-            good &= clear_of_moving(ways, hazards.where(moves), until_m, own.speed_mps, s)
+        may_move = moves | (hazards.doubt > 0)
+        if may_move.any() and good.any():
+            good &= clear_of_moving(ways, hazards.where(may_move), until_m, own.speed_mps, s)
         return good
 
     def _is_seen(self, ways: Ways, free: FreeSpace, until_m: float) -> NDArray[np.bool_]:
@@ -306,7 +307,7 @@ class Decider:
             self._way, self._recent = None, []
             return self._choose(hazards, free)
         rest, in_road = self._way.from_point(along, left), self._in_road(hazards)
-        found = find_contact(rest, in_road, max(own.speed_mps, CREEP_MPS), s.margin_m / 2, s)
+        found = find_contact(rest, in_road, max(own.speed_mps, CREEP_MPS), s.margin_m / 2, s, strict=True)
         blocked = found is not None and found.is_sure and found.ttc_s < s.swerve_s
         self._blocked = self._blocked + 1 if blocked else 0
         if found is None or self._blocked < BLOCKED:
@@ -342,16 +343,6 @@ class Decider:
         self._commands.append((self._t_ns, curvature))
         ttc = (math.nan, math.nan) if found is None else (found.ttc_s, found.sigma_s)
         return Decision(action, reason, *ttc, slower_mps2, curvature, float(rest.offset_m[0]), number)
-
-
-def _still(face: Hazards, stood_m: FloatArray) -> Hazards:
-    """Return a face, standing if most of it is where something has stood for a while."""
-    if not face.moves[0] or not len(stood_m):
-        return face
-    apart_m = np.linalg.norm(face.at_m[:, None] - stood_m, axis=2).min(1)
-    if np.median(apart_m) > STOOD_M:
-        return face
-    return face._replace(velocity_mps=np.zeros_like(face.at_m), doubt=np.zeros(len(face.at_m)))
 
 
 def _side(way: Ways) -> str:
