@@ -405,19 +405,23 @@ def test_no_more_braking_is_wanted_than_leaves_room() -> None:
 
 
 def test_memory_needs_evidence_and_gives_in_to_it() -> None:
-    memory, own = Memory(), OwnMotion()
-    spot = np.array([[5.03, -1.17]])
+    memory, own, layout = Memory(), OwnMotion(), Layout(TWIN, None)
+    here = free_space([Thing(5.03, -1.2, 0.12)])
+    assert here.is_blocked is not None
     for _ in range(2):
-        memory.add(spot)
-    assert not len(memory.at_m)
-    memory.add(spot)
-    np.testing.assert_allclose(memory.at_m, [[5.0, -1.2]])
-    memory.doubt(np.array([True]))
-    assert not len(memory.at_m)
-    assert len(memory.all_m)
+        memory.take_in(here, here.range_m, here.is_blocked, 2.0, own, layout)
+    assert not len(memory.here_m)
+    memory.take_in(here, here.range_m, here.is_blocked, 2.0, own, layout)
+    np.testing.assert_allclose(memory.here_m, [[5.0, -1.2]])
+    gone = free_space([])
+    memory.take_in(gone, gone.range_m, np.zeros(len(U), bool), math.nan, own, layout)
+    assert len(memory.here_m)
+    memory.take_in(gone, gone.range_m, np.zeros(len(U), bool), 2.0, own, layout)
+    assert not len(memory.here_m)
+    assert len(memory)
     own.at_m = np.array([40.0, 0.0])
-    memory.forget(own)
-    assert not len(memory.all_m)
+    memory.take_in(gone, gone.range_m, np.zeros(len(U), bool), 2.0, own, layout)
+    assert not len(memory)
 
 
 def test_own_motion_is_dead_reckoning_and_goes_on_for_a_while() -> None:
