@@ -15,6 +15,7 @@ from roadblock.kernels.reference.decide import (
     CELL_M,
     CLOSING_MPS,
     COLUMN_SIGMA_PX,
+    EDGE_PX,
     FACE_STEP_M,
     FREE_M,
     FREE_SIGMAS,
@@ -98,13 +99,16 @@ def outline(
     for k in range(n):
         near_m, begin = BESIDE_SHARE * range_m[k] + size_m[k, 1], m
         is_fast = math.hypot(velocity_mps[k, 0], velocity_mps[k, 1]) > SLOW_MPS
-        first = max(0, math.ceil((sides_px[k, 0] - grid[0]) / grid[1]))
-        last = min(columns, math.ceil((sides_px[k, 1] - grid[0]) / grid[1]))
+        edge_px = EDGE_PX if is_fast else 0.0
+        first = max(0, math.ceil((sides_px[k, 0] - edge_px - grid[0]) / grid[1]))
+        last = min(columns, math.ceil((sides_px[k, 1] + edge_px - grid[0]) / grid[1]))
         for c in range(first, last):
             if not abs(free_m[c] - range_m[k]) <= near_m:
                 continue
             if is_fast:
                 ends[c] = False
+            if not sides_px[k, 0] <= grid[0] + grid[1] * c < sides_px[k, 1]:
+                continue
             z = max(free_m[c], range_m[k])
             x = (grid[0] + grid[1] * c - twin[1]) / twin[0] * z - twin[3] / 2
             at_m[m, 0], at_m[m, 1] = R[0, 0] * x + R[0, 1] * z, R[1, 0] * x + R[1, 1] * z
@@ -225,13 +229,13 @@ def contact(
         mine = 0.0 if moves and is_strict else doubt[k]
         passed = min(ttc + ((car[0] + car[1]) / closing if moves else 0.0), AHEAD_S)
         low, high = _swept(way, length_m, at_m[k, 0] + vx * ttc, car)
+        if mine > 0:
+            vy = math.copysign(max(abs(vy) - sigma_mps[k, 1], 0.0), vy)
         one, other = y + vy * ttc, y + vy * passed
         room = margin_m
         if moves and is_wary:
             room += min(WARY_M + sigma_mps[k, 1] * ttc, MOST_WARY_M)
         if not (min(one, other) < high + room and max(one, other) > low - room):
-            continue
-        if mine != 0 and not low - margin_m < y < high + margin_m:
             continue
         needed = _needed_mps2(gap_m, speed_mps, vx, car)
         counts = needed >= mine * car[3]

@@ -16,6 +16,8 @@ FACE_STEP_M = 0.3
 """Between the points of a face."""
 BESIDE_SHARE = 0.15
 """A column of free space that ends so near to an obstacle's range ends there because of it."""
+EDGE_PX = 8.0
+"""So far beside the box of what moves its columns may end: no trace of it stands there."""
 NEIGHBOUR_SHARE = 0.1
 """Columns that end alone, by so much of their range, say nothing."""
 COLUMN_SIGMA_PX = 0.25
@@ -118,7 +120,9 @@ def outline(
         with np.errstate(invalid="ignore"):
             mine = (u >= sides_px[k, 0]) & (u < sides_px[k, 1]) & (np.abs(free_m - range_m[k]) <= near_m)
         if np.hypot(*velocity_mps[k]) > SLOW_MPS:
-            ends &= ~mine
+            with np.errstate(invalid="ignore"):
+                beside = (u >= sides_px[k, 0] - EDGE_PX) & (u < sides_px[k, 1] + EDGE_PX)
+                ends &= ~(beside & (np.abs(free_m - range_m[k]) <= near_m))
         if mine.sum() > 1:
             at_m = place(u[mine], np.maximum(free_m[mine], range_m[k]), twin, R)
         else:
@@ -215,7 +219,8 @@ def contact(
 ) -> tuple[int, float, float, bool]:
     """Return what the car touches first on a way within `AHEAD_S`, after how long, how hard to brake, and if for sure.
 
-    The first is -1 if nothing is. See `stages.decide.contact`.
+    The first is -1 if nothing is. What may move or stand must come into the way even if it goes a sigma slower. See
+    `stages.decide.contact`.
 
     Parameters
     ----------
@@ -239,11 +244,13 @@ def contact(
     arrives &= ttc < AHEAD_S
     first = np.where(arrives, ttc, 0.0)
     low, high = swept(way, length_m, at_m[:, 0] + velocity_mps[:, 0] * first, car)
-    one, other = (at_m[:, 1] + velocity_mps[:, 1] * np.where(arrives, t, 0.0) for t in (ttc, passed))
+    aside = velocity_mps[:, 1]
+    slower = np.sign(aside) * np.maximum(np.abs(aside) - sigma_mps[:, 1], 0)
+    aside = np.where(doubt > 0, slower, aside)
+    one, other = (at_m[:, 1] + aside * np.where(arrives, t, 0.0) for t in (ttc, passed))
     mistaken_m = np.minimum(WARY_M + sigma_mps[:, 1] * first, MOST_WARY_M)
     room = margin_m + np.where(moves & is_wary, mistaken_m, 0.0)
     hit = arrives & (np.minimum(one, other) < high + room) & (np.maximum(one, other) > low - room)
-    hit &= (doubt == 0) | ((at_m[:, 1] < high + margin_m) & (at_m[:, 1] > low - margin_m))
     if not hit.any():
         return -1, np.nan, np.nan, False
     needed = np.where(hit, _needed_mps2(gap_m, speed_mps, velocity_mps[:, 0], car), 0.0)

@@ -264,17 +264,24 @@ class Tracker:
                 close & (np.maximum(mine, theirs) >= SAME_SHARE), 1 - np.maximum(mine, theirs) + (1 - alike) / 2, FAR
             )
         )
-        self._slip(rows[i], off_m[i, j])
+        sides_px = others[j, 2:] - others[j, :2]
+        px_per_m = seen.uvd[columns[j], 2] / self.optics.rectification.baseline_m
+        self._slip(rows[i], off_m[i, j], sides_px[:, 0] / px_per_m)
         grown_px2 = np.zeros((len(i), 3))
-        grown_px2[:, :2] = ((others[j, 2:] - others[j, :2]) / 2) ** 2
+        grown_px2[:, :2] = (sides_px / 2) ** 2
         return rows[i], columns[j], grown_px2
 
-    def _slip(self, rows: Indices, off_m: FloatArray) -> None:
-        """Let the places of tracks be off by so much, which says nothing about their velocities but doubt."""
-        P = self._bank.P
+    def _slip(self, rows: Indices, off_m: FloatArray, wide_m: FloatArray) -> None:
+        """Let the places of tracks be off by so much ahead, and aside by half of how wide they are at most.
+
+        That says nothing about their velocities but doubt of the one ahead.
+        """
+        P, ahead = self._bank.P, self.optics.ahead[:3]
+        along, side_m = np.outer(ahead, ahead), np.minimum(np.abs(off_m), wide_m / 2)
         P[rows, :3, 3:] = 0.0
         P[rows, 3:, :3] = 0.0
-        P[rows] += np.diag([1.0] * 3 + [1 / SLIP_S**2] * 2) * (off_m**2)[:, None, None]
+        P[rows, :3, :3] += (off_m**2)[:, None, None] * along + (side_m**2)[:, None, None] * (np.eye(3) - along)
+        P[rows, 3:, 3:] += ((off_m / SLIP_S) ** 2)[:, None, None] * along[:2, :2]
 
     def _boxes(self, rows: Indices, expected: _Expected) -> FloatArray:
         """Return (k, 4) where the boxes of some tracks should be now; NaN behind the cameras."""
