@@ -465,6 +465,26 @@ def test_ways_keep_clear_of_where_something_may_have_gone() -> None:
         assert clear_of_moving(way, thing, 17.0, 8.0, SETTINGS).tolist() == [is_clear]
 
 
+def test_who_is_on_a_way_round_gets_through_with_half_the_room() -> None:
+    """Between two walls 2.4 m apart, what is planned with 0.4 m of room on either side finds no way."""
+    decider, free = Decider(TWIN), free_space([])
+    decider.decide([], free, None, START_NS, ROAD)
+    decider.decide([], free, step(START_NS + 100_000_000), START_NS + 100_000_000, ROAD)
+    along = np.arange(2.0, 16.0, 0.2)
+    walls = Hazards.of(np.concatenate([np.stack([along, np.full(len(along), side)], 1) for side in (1.25, -1.15)]))
+    assert decider._way_round(walls, free, 16.0) is None
+    decider._way = straight_on()
+    assert decider._way_round(walls, free, 16.0) is not None
+
+
+def test_what_the_picture_cuts_has_no_velocity_to_be_shy_of() -> None:
+    layout, wall = Layout(TWIN, None), Thing(6.0, -4.6, 3.0, (3.0, 0.0), "unknown")
+    faces, _ = layout.faces([obstacle(wall)], free_space([wall]))
+    assert (faces.doubt > 0).all()
+    assert not faces.sigma_mps.any()
+    assert not faces.velocity_mps.any()
+
+
 def test_on_a_way_round_what_seems_to_move_counts() -> None:
     walker = Hazards.of(np.array([[10.0, -2.2]]), np.array([0.0, 1.5]), sigma_mps=np.array([0.1, 0.9]), doubt=0.6)
     contacts = [find_contact(straight_on(), walker, 8.0, 0.2, SETTINGS, strict=strict) for strict in (False, True)]

@@ -57,6 +57,8 @@ def weigh(
             sigma[k, i] = math.sqrt(cov_m2ps2[k, i, i])
             if counts and abs(velocity_mps[k, i]) > 2 * sigma[k, i]:
                 speed[k, i] = velocity_mps[k, i]
+            if not has_velocity[k]:
+                sigma[k, i] = 0.0
     return speed, sigma, doubt
 
 

@@ -58,6 +58,8 @@ def weigh(
 ) -> tuple[Floats, Floats, Floats]:
     """Return how fast things are as far as it is known, (n, 2), its sigmas (n, 2), and how much is in doubt (n,).
 
+    The sigmas of what has no velocity are 0.
+
     Parameters
     ----------
     velocity_mps, cov_m2ps2, motion, age_s
@@ -72,7 +74,7 @@ def weigh(
     counts = has_velocity & (motion != STANDS)
     known = (motion == STANDS) | (counts & (is_mover | ((motion == MOVES) & (age_s >= SETTLED_S))))
     sure = counts[:, None] & (np.abs(velocity_mps) > 2 * sigma)
-    return np.where(sure, velocity_mps, 0.0), sigma, np.where(known, 0.0, waits)
+    return np.where(sure, velocity_mps, 0.0), np.where(has_velocity[:, None], sigma, 0.0), np.where(known, 0.0, waits)
 
 
 def among(numbers: Integers, others: Integers) -> Flags:

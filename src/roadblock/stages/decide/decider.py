@@ -254,12 +254,16 @@ class Decider:
         aside_m = here[1] - self._line_m if self._way is not None else 0.0
         ways = ways_aside(math.tan(own.askew_rad), aside_m, s)
         ways = ways.where(drivable(ways, own.speed_mps, s))
-        ways = ways.where(self._is_clear(ways, hazards, until_m, s.margin_m))
+        least = 1.0 if self._way is None else 0.5  # of the room: who is on a way round must get through
+        ways = ways.where(self._is_clear(ways, hazards, until_m, least * s.margin_m))
         ways = ways.where(self._is_seen(ways, free, until_m))
         if not len(ways.length_m):
             return None
-        roomy = self._is_clear(ways, hazards, until_m, 2 * s.margin_m)
-        ways = ways.where(roomy) if roomy.any() else ways
+        for share in (2.0, 1.0):
+            roomy = self._is_clear(ways, hazards, until_m, share * s.margin_m)
+            if roomy.any():
+                ways = ways.where(roomy)
+                break
         wanted_m = 0.0 if self._way is None else self._begun_m[1] + float(self._way.offset_m[0]) - here[1]
         return ways.only(int(np.argmin(np.abs(ways.offset_m - wanted_m))))
 
@@ -270,7 +274,7 @@ class Decider:
         right, left = y[y < 0].max(initial=-np.inf), y[y > 0].min(initial=np.inf)
         ends = swept(ways, np.arange(0.0, until_m, 1.0), s)
         good &= (ends[0].min(1) > right + KERB_M) & (ends[1].max(1) < left - KERB_M)
-        may_move = moves | (hazards.doubt > 0)
+        may_move = moves | ((hazards.doubt > 0) & (hazards.sigma_mps[:, 0] > 0))  # not what the picture cuts
         if may_move.any() and good.any():
             good &= clear_of_moving(ways, hazards.where(may_move), until_m, own.speed_mps, s)
         return good
