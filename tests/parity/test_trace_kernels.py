@@ -35,6 +35,25 @@ def test_revisit(n: int) -> None:
         assert (expected.sum(0) > 5).all()
 
 
+@pytest.mark.parametrize("n", [0, 1, 60])
+def test_judge(n: int) -> None:
+    rng = np.random.default_rng(5)
+    (range_m, is_blocked), *then = (free_space(rng) for _ in range(KEPT + 1))
+    ranges_then, blocked_then = (np.array(part) for part in zip(*then, strict=True))
+    T = np.array([pose(rotation_from_rotvec([0.01, 0.02 * k, 0.0]), [0.1, 0.0, -0.8 * k]) for k in range(KEPT)])
+    boxes = np.concatenate([np.sort(rng.uniform(0, 1200, (n, 2))), np.full((n, 2), 300.0)], 1)[:, [0, 2, 1, 3]]
+    range_m_of, long_m = rng.uniform(5, 20, n), rng.uniform(0, 10, n)
+    spans = [kernels.spans(boxes, range_m_of, long_m) for kernels in (compiled, reference)]
+    np.testing.assert_allclose(*spans)
+    spans_then = np.repeat(spans[0][:, None], KEPT, 1) * (rng.random((n, KEPT, 1)) < 0.7)
+    given = spans_then, rng.random(n) < 0.9, rng.uniform(0, 15, n), np.array([0.0, 0.3, 0.9, 0.6]), GRID
+    given += range_m, is_blocked, ranges_then, blocked_then, T, TWIN
+    found, expected = (kernels.judge(spans[0], *given) for kernels in (compiled, reference))
+    np.testing.assert_array_equal(found, expected)
+    if n == 60:
+        assert all(5 < part.sum() < 50 for part in expected)
+
+
 @pytest.mark.parametrize("kernels", [compiled, reference])
 @pytest.mark.parametrize(("gone_m", "counts"), [(0.0, [0, 11, 0, 11]), (4.0, [0, 0, 11, 0])])
 def test_a_car_ahead_that_goes_on_leaves_free_road_behind(kernels, gone_m: float, counts: list[int]) -> None:

@@ -4,7 +4,19 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.kernels.reference.traces import CLEAR_M, COLUMN_SIGMA_PX, MOST, NEAREST_M, SIGMAS, Flags, Floats
+from roadblock.kernels.reference.traces import (
+    BESIDE_SHARE,
+    CLEAR_M,
+    COLUMN_SIGMA_PX,
+    FAR_ENOUGH,
+    LEAST,
+    MOST,
+    MOVED_SHARE,
+    NEAREST_M,
+    SIGMAS,
+    Flags,
+    Floats,
+)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -81,3 +93,51 @@ def _ask(
             counts[0] += 1
         elif blocked_there[k] and blocked_there[k + 1]:
             counts[1] += max(one, other) > z - slack_m and min(one, other) <= z + slack_m
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def spans(boxes: Floats, range_m: Floats, long_m: Floats) -> Floats:
+    """See `reference.traces.spans`."""
+    found = np.empty((len(boxes), 4))
+    for i in range(len(boxes)):
+        near_m = BESIDE_SHARE * range_m[i] + long_m[i]
+        found[i, 0], found[i, 1] = boxes[i, 0], boxes[i, 2]
+        found[i, 2], found[i, 3] = range_m[i] - near_m, range_m[i] + near_m
+    return found
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def judge(
+    spans_now: Floats,
+    spans_then: Floats,
+    is_seen: Flags,
+    speed_mps: Floats,
+    lag_s: Floats,
+    grid: Floats,
+    range_m: Floats,
+    is_blocked: Flags,
+    ranges_then: Floats,
+    blocked_then: Flags,
+    T_now_then: Floats,
+    twin: Floats,
+) -> tuple[Flags, Flags]:
+    """See `reference.traces.judge`."""
+    n = len(spans_now)
+    slots, longest_s = np.full(n, -1, np.int64), np.zeros(n)
+    for i in range(n):
+        for k in range(len(lag_s)):
+            if is_seen[i] and spans_then[i, k, 1] > 0 and lag_s[k] > longest_s[i]:
+                slots[i], longest_s[i] = k, lag_s[k]
+    counts = revisit(
+        slots, spans_now, spans_then, grid, range_m, is_blocked, ranges_then, blocked_then, T_now_then, twin
+    )
+    moved, slid = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    for i in range(n):
+        came, came_not, left, left_not = counts[i]
+        moved[i] = (came >= LEAST and came > MOVED_SHARE * (came + came_not)) or (
+            left >= LEAST and left > MOVED_SHARE * (left + left_not)
+        )
+        z = (spans_now[i, 2] + spans_now[i, 3]) / 2
+        slack_m = CLEAR_M + SIGMAS * COLUMN_SIGMA_PX * z * z / (twin[0] * twin[3])
+        slid[i] = not moved[i] and speed_mps[i] * longest_s[i] > FAR_ENOUGH * slack_m
+    return moved, slid

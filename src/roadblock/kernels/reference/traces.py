@@ -17,6 +17,12 @@ NEAREST_M = 0.5
 """Nothing is compared that is nearer."""
 CLEAR_M, SIGMAS, COLUMN_SIGMA_PX = 0.3, 2.0, 0.25
 """Road must be seen so far behind a point for it to be free: metres, and standard deviations of its range."""
+BESIDE_SHARE = 0.15
+"""A column that ends so near to an obstacle's range ends there because of it."""
+LEAST, MOVED_SHARE = 2, 0.5
+"""So many columns of a thing, and so many of those known, must have come to free road or left it free."""
+FAR_ENOUGH = 2.0
+"""What seems to have gone so many times as far as free road can be told from it should have done so."""
 
 
 def slack(z_m: Floats | float, twin: Floats) -> Floats:
@@ -99,3 +105,55 @@ def revisit(
             counts[i, :2] = asked(here, np.linalg.inv(T), grid, ranges_then[k], blocked_then[k], twin)
             counts[i, 2:] = asked(there, T, grid, range_m, is_blocked, twin)
     return counts
+
+
+def spans(boxes: Floats, range_m: Floats, long_m: Floats) -> Floats:
+    """Return (n, 4) the columns and ranges of things, as in `ends`.
+
+    Parameters
+    ----------
+    boxes, range_m, long_m
+        (n, 4) u0, v0, u1, v1, px; (n,) how far; (n,) how long, m.
+    """
+    near_m = BESIDE_SHARE * range_m + long_m
+    return np.stack([boxes[:, 0], boxes[:, 2], range_m - near_m, range_m + near_m], 1)
+
+
+def judge(
+    spans_now: Floats,
+    spans_then: Floats,
+    is_seen: Flags,
+    speed_mps: Floats,
+    lag_s: Floats,
+    grid: Floats,
+    range_m: Floats,
+    is_blocked: Flags,
+    ranges_then: Floats,
+    blocked_then: Flags,
+    T_now_then: Floats,
+    twin: Floats,
+) -> tuple[Flags, Flags]:
+    """Return which things (n,) have moved from where they were, and which only seem to have.
+
+    Each is compared with the oldest frame that it was in.
+
+    Parameters
+    ----------
+    is_seen, speed_mps
+        (n,) which are seen now, and how fast they seem to be.
+    lag_s
+        (k,) how long ago the earlier frames were; 0 = not to be used.
+    spans_now, spans_then, grid, range_m, is_blocked, ranges_then, blocked_then, T_now_then
+        As in `revisit`; columns that end at 0 stand for not seen then.
+    """
+    lags_s = np.where(is_seen[:, None] & (spans_then[..., 1] > 0), lag_s, 0.0)
+    oldest = lags_s.argmax(1)
+    longest_s = lags_s.max(1, initial=0.0)
+    came_free, came_taken, left_free, left_taken = revisit(
+        np.where(longest_s > 0, oldest, -1), spans_now, spans_then, grid, range_m, is_blocked,
+        ranges_then, blocked_then, T_now_then, twin,
+    ).T  # fmt: skip
+    moved = (came_free >= LEAST) & (came_free > MOVED_SHARE * (came_free + came_taken))
+    moved |= (left_free >= LEAST) & (left_free > MOVED_SHARE * (left_free + left_taken))
+    should_m = FAR_ENOUGH * slack((spans_now[:, 2] + spans_now[:, 3]) / 2, twin)
+    return moved, ~moved & (speed_mps * longest_s > should_m)

@@ -5,20 +5,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.kernels.compiled.traces import revisit
-from roadblock.kernels.reference.traces import slack
+from roadblock.kernels.compiled.traces import judge, spans
 from roadblock.stages.track.bank import KEPT, Bank
 from roadblock.values.checks import FloatArray
 from roadblock.values.scene import FreeSpace
 
 BETWEEN_S, LONGEST_S, SHORTEST_S = 0.09, 1.0, 0.15
 """Frames are kept so far apart, and compared with the oldest within the second, if it is older than the third."""
-BESIDE_SHARE = 0.15
-"""A column that ends so near to an obstacle's range ends there because of it."""
-LEAST, MOVED_SHARE = 2, 0.5
-"""So many columns of a thing, and so many of those known, must have come to free road or left it free."""
-SURE = 2.0
-"""What seems to have gone so many times as far as free road can be told from it should have done so."""
 
 
 class Verdict(NamedTuple):
@@ -46,22 +39,17 @@ class Traces:
     def judge(self, bank: Bank, free: FreeSpace, t_ns: int) -> Verdict:
         """Return what became of where tracks measured now were, by their speeds."""
         lag_s = (t_ns - self._t_ns) / 1e9
-        usable = (self._t_ns > 0) & (lag_s >= SHORTEST_S) & (lag_s <= LONGEST_S)
+        lag_s[(self._t_ns == 0) | (lag_s < SHORTEST_S) | (lag_s > LONGEST_S)] = 0.0
         no = np.zeros(len(bank), bool)
-        if len(free.u_px) != self._range_m.shape[1] or not usable.any() or not len(bank):
+        if len(free.u_px) != self._range_m.shape[1] or not len(bank) or not lag_s.any():
             return Verdict(no, no)
-        lag_s = np.where(usable & (bank.seen_ns == t_ns)[:, None] & (bank.spans[..., 1] > 0), lag_s, 0.0)
-        oldest = lag_s.argmax(1)
-        longest_s = lag_s[np.arange(len(bank)), oldest]
-        range_m, is_blocked = free.range_m, blocked(free)
-        came_free, came_taken, left_free, left_taken = revisit(
-            np.where(longest_s > 0, oldest, -1), spans(bank), bank.spans, grid(free), range_m, is_blocked,
-            self._range_m, self._is_blocked, self._T, self._twin,
-        ).T  # fmt: skip
-        moved = (came_free >= LEAST) & (came_free > MOVED_SHARE * (came_free + came_taken))
-        moved |= (left_free >= LEAST) & (left_free > MOVED_SHARE * (left_free + left_taken))
-        gone_m = np.hypot(bank.x[:, 3], bank.x[:, 4]) * longest_s
-        return Verdict(moved, ~moved & (gone_m > SURE * slack(bank.range_m, self._twin)))
+        columns, is_blocked, is_seen = grid(free), blocked(free), bank.seen_ns == t_ns
+        then = self._range_m, self._is_blocked, self._T
+        speed_mps = np.hypot(bank.x[:, 3], bank.x[:, 4])
+        now = spans(bank.boxes, bank.range_m, bank.long_m)
+        return Verdict(
+            *judge(now, bank.spans, is_seen, speed_mps, lag_s, columns, free.range_m, is_blocked, *then, self._twin)
+        )
 
     def keep(self, bank: Bank, free: FreeSpace, t_ns: int) -> None:
         """Remember a frame, unless the one before is only just over."""
@@ -73,7 +61,8 @@ class Traces:
         k, self._next = self._next, (self._next + 1) % KEPT
         self._t_ns[k], self._T[k] = t_ns, np.eye(4)
         self._range_m[k], self._is_blocked[k] = free.range_m, blocked(free)
-        bank.spans[:, k] = np.where((bank.seen_ns == t_ns)[:, None], spans(bank), 0.0)
+        bank.spans[:, k] = spans(bank.boxes, bank.range_m, bank.long_m)
+        bank.spans[bank.seen_ns != t_ns, k] = 0.0
 
 
 def blocked(free: FreeSpace) -> NDArray[np.bool_]:
@@ -84,9 +73,3 @@ def blocked(free: FreeSpace) -> NDArray[np.bool_]:
 def grid(free: FreeSpace) -> FloatArray:
     """Return (2,) middle of the first column, and the distance of two."""
     return np.array([free.u_px[0], free.u_px[1] - free.u_px[0]])
-
-
-def spans(bank: Bank) -> FloatArray:
-    """Return (n, 4) the columns of tracks as they were measured last, and their ranges, at least and at most."""
-    near_m = BESIDE_SHARE * bank.range_m + bank.long_m
-    return np.stack([bank.boxes[:, 0], bank.boxes[:, 2], bank.range_m - near_m, bank.range_m + near_m], 1)
