@@ -48,9 +48,8 @@ def weigh(
     n = len(motion)
     speed, sigma, doubt = np.zeros((n, 2)), np.empty((n, 2)), np.zeros(n)
     for k in range(n):
-        counts = has_velocity[k] and motion[k] != STANDS
-        known = motion[k] == STANDS
-        known |= counts and (is_mover[k] or (motion[k] == MOVES and age_s[k] >= SETTLED_S))
+        counts = has_velocity[k] and motion[k] != STANDS and (is_mover[k] or age_s[k] >= SETTLED_S)
+        known = motion[k] == STANDS or (counts and (is_mover[k] or motion[k] == MOVES))
         if not known:
             doubt[k] = SETTLED_DOUBT if age_s[k] >= YOUNG_S else YOUNG_DOUBT
         for i in range(2):

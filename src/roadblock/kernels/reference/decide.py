@@ -72,7 +72,8 @@ def weigh(
     sigma = np.sqrt(cov_m2ps2[:, [0, 1], [0, 1]])
     waits = np.where(age_s >= YOUNG_S, SETTLED_DOUBT, YOUNG_DOUBT)
     counts = has_velocity & (motion != STANDS)
-    known = (motion == STANDS) | (counts & (is_mover | ((motion == MOVES) & (age_s >= SETTLED_S))))
+    counts &= is_mover | (age_s >= SETTLED_S)
+    known = (motion == STANDS) | (counts & (is_mover | (motion == MOVES)))
     sure = counts[:, None] & (np.abs(velocity_mps) > 2 * sigma)
     return np.where(sure, velocity_mps, 0.0), np.where(has_velocity[:, None], sigma, 0.0), np.where(known, 0.0, waits)
 
