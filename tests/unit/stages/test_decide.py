@@ -483,6 +483,9 @@ def test_what_the_picture_cuts_has_no_velocity_to_be_shy_of() -> None:
     assert (faces.doubt > 0).all()
     assert not faces.sigma_mps.any()
     assert not faces.velocity_mps.any()
+    known, ends = layout.faces([obstacle(wall)], free_space([wall]), {wall.id})  # it moved before it came there
+    assert known.moves.all()
+    assert not ends.any()
 
 
 def test_on_a_way_round_what_seems_to_move_counts() -> None:

@@ -16,7 +16,7 @@ from roadblock.values.scene import FreeSpace, Obstacle
 
 LONGEST_COAST_S = 0.3
 BORDER_SHARE = 0.04
-"""So near to the picture's side, by its width, nothing has a velocity: ends of walls go along with the car there."""
+"""So near to the picture's side, by its width, nothing has a velocity that had none before: ends of walls go along."""
 _VELOCITY, _COV = attrgetter("velocity_mps"), attrgetter("velocity_cov_m2ps2")
 _SIZE, _POSITION = attrgetter("size_m"), attrgetter("position_m")
 TOLD = {"moving": MOVES, "standing": STANDS, "unknown": UNTOLD}
@@ -104,7 +104,7 @@ class Layout:
                 t.id,
                 t.age_s,
                 TOLD[t.motion],
-                t.is_over_ground and inside[0] <= o.box_px[0] and o.box_px[2] <= inside[1],
+                t.is_over_ground and (t.id in movers or (inside[0] <= o.box_px[0] and o.box_px[2] <= inside[1])),
                 t.id in movers,
                 o.range_m,
                 o.range_sigma_m,
