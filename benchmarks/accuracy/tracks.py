@@ -24,7 +24,7 @@ from record import save
 
 from roadblock.config import Settings
 from roadblock.eval.match import boxes_of, overlaps
-from roadblock.eval.motion import STRUCTURES, seen_frame, ttc_rows, velocity_rows
+from roadblock.eval.motion import MOVES_MPS, STRUCTURES, seen_frame, ttc_rows, velocity_rows
 from roadblock.eval.things import counts, is_at_depth, judge_frame, share_inside
 from roadblock.eval.tracks import TrackScores, judge_tracks
 from roadblock.io.results import frame_record
@@ -44,6 +44,8 @@ KEPT, TWICE, LATE = 0.7, 0.1, 0.1
 """Shares of the frames that are left, come twice, and come after the next one, each in a run of its own."""
 SETTLED_S = 1.0
 """States are judged from this age on."""
+PART = 0.2
+"""A track is of a mover if so much of one box lies in the other."""
 APART = 10_000
 """Numbers of one drive's things and tracks, so that drives can be judged together."""
 
@@ -66,12 +68,15 @@ class Followed:
     states
         By thing and number of the track, the latest normalised squared errors of the forward distance (1 number) and of
         the velocity (2 numbers).
+    told
+        How many measurements with a track there are, by whether the thing moves and by what is told.
     """
 
     pairs: list[Pair] = field(default_factory=list)
     untracked: list[Pair] = field(default_factory=list)
     speeds: list[tuple[float, float]] = field(default_factory=list)
     states: dict[tuple[int, int], tuple[float, float]] = field(default_factory=dict)
+    told: Counter[tuple[bool, str]] = field(default_factory=Counter)
 
 
 def behind_a_crate(seed: int) -> Scene:
@@ -119,6 +124,7 @@ def follow(drive: Path, order: Callable[[int], Iterable[int]] = range) -> Follow
             continue
         latest = index
         note_states(found[index], true, result, done)
+        note_motions(found[index], true, done)
         ego = result.ego
         if ego is not None and ego.T_now_before is not None:
             dt_s = (ego.t_ns - ego.before_t_ns) / 1e9
@@ -143,6 +149,19 @@ def note_states(found: dict, true: dict, result: FrameResult, done: Followed) ->
         velocity = float(off @ np.linalg.solve(track.velocity_cov_m2ps2, off))
         place = (track.position_m[0] - thing["position_m"][0]) ** 2 / track.position_cov_m2[0, 0]
         done.states[thing["id"], track.id] = float(place), velocity
+
+
+def note_motions(found: dict, true: dict, done: Followed) -> None:
+    """Count what is told of each track measured now, also of pieces, and of what has no name."""
+    movers = [t for t in true["objects"] if np.hypot(*t["velocity_mps"][:2]) > MOVES_MPS]
+    for o in found["obstacles"]:
+        if o["id"] is not None and not o["coasted_s"]:
+            shares = [
+                max(share_inside(o["box_px"], t["box_px"]), share_inside(t["box_px"], o["box_px"]))
+                for t in movers
+                if is_at_depth(o, t)
+            ]
+            done.told[max(shares, default=0.0) > PART, o["motion"]] += 1
 
 
 def dropped(n: int) -> list[int]:
@@ -286,6 +305,11 @@ def main() -> None:
         parts = f"{s.hota:.2f} = {s.deta:.2f} / {s.assa:.2f} / {s.loca:.2f}; {s.idf1:.2f}"
         rows.append(["all, perfect identities", f"{by}: HOTA = DetA / AssA / LocA; IDF1", parts, ""])
     rows.append(["all", "no box that overlaps by half, and why", causes(raw), ""])
+    told = sum((done.told for done in everything), Counter())
+    for moves, name in ((False, "stands, also without a name"), (True, "moves")):
+        mine = {motion: n for (is_mover, motion), n in told.items() if is_mover == moves}
+        figure = f"moving {mine.get('moving', 0)}, of {sum(mine.values())}"
+        rows.append(["all", f"told of tracks of what {name}", figure, "" if moves else "0 moving"])
     e, sigma = np.array([speed for done in everything for speed in done.speeds]).T
     frames = sum(len(done.pairs) for done in everything)
     figure = (

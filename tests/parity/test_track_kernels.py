@@ -98,7 +98,8 @@ def test_compare(n: int, m: int) -> None:
     expected[n // 2 :][:1] = np.nan  # behind the cameras
     looks, sizes = rng.normal(0, 0.3, (n, 2)), rng.normal(0, 0.3, (m, 2))
     rows, columns = np.arange(n)[::-1].copy(), np.arange(m)[::2].copy()
-    arguments = expected, covariances(n, 5), looks, measured, covariances(m, 6), sizes, 16.3
+    boxes = np.sort(rng.uniform(0, 60, (m, 2, 2)), 1).reshape(m, 4)
+    arguments = expected, covariances(n, 5), looks, measured, covariances(m, 6), sizes, boxes, 16.3
     (cost,) = agree("compare", rows, columns, *arguments)
     assert cost.shape == (n, len(columns))
     if n * m == 49:
@@ -218,9 +219,10 @@ def test_clearance(n: int) -> None:
     free_m = np.where(rng.random(50) < 0.4, np.nan, rng.uniform(3, 60, 50))
     free_m[-8:] = np.nan
     u_px = np.linspace(20, 390, n) if n else np.zeros(0)
-    (found,) = agree("clearance", u_px, np.linspace(4, 20, n), columns, free_m)
+    found, least = agree("clearance", u_px, np.linspace(4, 20, n), np.linspace(4, 60, n), columns, free_m)
     if n == 7:
         assert 0 < np.isfinite(found).sum() < 7
+        assert (least[np.isfinite(found)] <= found[np.isfinite(found)]).all()
 
 
 @pytest.mark.parametrize("kernels", [compiled, reference])

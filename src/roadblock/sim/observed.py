@@ -140,9 +140,14 @@ def _columns(thing: Thing, T_car_world: FloatArray, twin: Rectification, u: Floa
     world = transform(thing.T_world_thing, _corners(thing.parts))
     p = transform(T_car_world, world)
     counts = (world[..., 2].min(1) < HEIGHT_M) & (world[..., 2].max(1) > OVER_M) & (p[..., 2].max(1) > NEAREST_M)
-    if not counts.any():
-        return np.full(len(u), np.inf)
-    p, ahead = p[counts], (u - twin.cx_px) / twin.f_px
+    found, p = np.full(len(u), np.inf), p[counts]
+    if not len(p):
+        return found
+    inside = slice(None)
+    if p[..., 2].min() > NEAREST_M:
+        ends = (p[..., 0] + twin.baseline_m / 2) / p[..., 2] * twin.f_px + twin.cx_px
+        inside = slice(*np.searchsorted(u, [ends.min(), ends.max()]))
+    ahead = (u[inside] - twin.cx_px) / twin.f_px
     # Seen from above: where a column's plane crosses the lines between any two corners of a box.
     off = p[..., :1] + twin.baseline_m / 2 - ahead * p[..., 2:]
     begin, end = off[:, _PAIRS[0]], off[:, _PAIRS[1]]
@@ -151,7 +156,8 @@ def _columns(thing: Thing, T_car_world: FloatArray, twin: Rectification, u: Floa
         z = p[:, _PAIRS[0], 2, None] + share * (p[:, _PAIRS[1], 2] - p[:, _PAIRS[0], 2])[..., None]
         top = p[..., 1].min(1)[:, None, None]
         seen = (begin * end <= 0) & (z > NEAREST_M) & (top < z * (twin.size_px[1] - twin.cy_px) / twin.f_px)
-    return np.asarray(np.where(seen, z, np.inf).min((0, 1)))
+    found[inside] = np.where(seen, z, np.inf).min((0, 1))
+    return found
 
 
 _PAIRS = np.triu_indices(8, 1)

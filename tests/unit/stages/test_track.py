@@ -456,6 +456,79 @@ def test_features_tell_how_fast_a_wall_is_whose_near_end_goes_along(walks: float
     assert found.track.motion == ("moving" if walks else "standing")
 
 
+@pytest.mark.parametrize(("what", "motion"), [("car", "moving"), ("wall", "unknown")])
+@pytest.mark.parametrize("is_blocked", [True, False])
+def test_what_moves_leaves_its_place(what: str, motion: str, is_blocked: bool) -> None:
+    """A car 12 m ahead goes as fast as the vehicle; so does the near end of a wall, at the border of the picture."""
+    tracker, rng = Tracker(RECTIFICATION, None), np.random.default_rng(5)
+    r, columns = RECTIFICATION, np.arange(3.5, 1240, 8)
+    T, cov = pose(np.eye(3), [0.0, 0.0, -0.8]), np.diag([1e-8] * 3 + [1e-6] * 3)
+    near_m = {"car": 12.0, "wall": 6.0}[what]
+    uvd = np.array([{"car": 600.0, "wall": 1130.0}[what], 180.0, r.f_px * r.baseline_m / near_m])
+    seen = obstacle(uvd, (1.8, 1.5))
+    for i in range(12):
+        noisy = uvd + SIGMA_PX / 2 * rng.standard_normal(3)
+        range_m = np.full(len(columns), 40.0)
+        if what == "wall":
+            side_m = 5.5 * r.f_px / np.maximum(columns - r.cx_px, 1.0)
+            range_m = np.minimum(range_m, side_m)
+        else:
+            range_m[(columns >= seen.box_px[0]) & (columns < seen.box_px[2])] = near_m
+        free = FreeSpace(columns, range_m, range_m < 40 if is_blocked else None)
+        ego = EgoMotion(ns(i / 10 - 0.1), ns(i / 10), T, cov) if i else None
+        (found,) = tracker.update([replace(seen, uvd_px=noisy)], ns(i / 10), ego, free)
+    assert found.track.motion == motion
+    if what == "wall":
+        assert found.track.velocity_mps.tolist() == [0, 0]
+        assert found.track.velocity_sigma_mps[0] > 7
+    else:
+        assert found.track.velocity_mps[0] == pytest.approx(8, abs=1)
+
+
+def test_a_narrow_box_may_be_twice_as_wide() -> None:
+    """A child 15 px wide, each end of whose box is off by 5: it is taken for itself, not for a piece of something."""
+    sigma_mps = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        world = World([Thing((18.0, -3.0), (0.0, 1.5), size=(0.38, 1.2))], speed=1.0, seed=seed)
+
+        def seen(t_s: float, rng: np.random.Generator = rng, world: World = world) -> list[Obstacle]:
+            (child,) = world.seen(t_s)
+            u0, v0, u1, v1 = child.box_px
+            left, right = np.sort(np.array([u0, u1]) + np.rint(5 * rng.standard_normal(2)).astype(int)).tolist()
+            width_m = max(right - left, 1) / child.uvd_px[2] * RECTIFICATION.baseline_m
+            size_m = np.array([width_m, 1.2, np.nan])
+            return [replace(child, box_px=(left, v0, max(right, left + 1), v1), size_m=size_m)]
+
+        *_, (_, (child,)) = drive(world, steps(1.4), seen=seen)
+        sigma_mps.append(child.track.velocity_sigma_mps[1])
+    assert max(sigma_mps) < 0.32
+
+
+def test_what_the_picture_cuts_is_not_always_the_same_part() -> None:
+    """The side of a van that is passed at 8 m/s, whose features stand: its place is where it is seen."""
+    tracker, rng = Tracker(RECTIFICATION, None), np.random.default_rng(4)
+    T, cov = pose(np.eye(3), [0.0, 0.0, -0.8]), np.diag([1e-8] * 3 + [1e-6] * 3)
+    for i in range(12):
+        range_m = max(12.0 - 0.8 * i, 6.5)
+        uvd = np.array([1100.0, 180.0, RECTIFICATION.f_px * RECTIFICATION.baseline_m / range_m])
+        van = replace(obstacle(uvd + SIGMA_PX / 2 * rng.standard_normal(3), (2.0, 2.0)), box_px=(960, 100, 1238, 300))
+        spread = rng.uniform([960, 100, 0.8], [1238, 300, 1.0], (12, 3)) * [1, 1, uvd[2]]
+        flow = flow_of(np.zeros(3), spread, 0.1, rng)
+        ego = EgoMotion(ns(i / 10 - 0.1), ns(i / 10), T, cov, flow=flow) if i else None
+        (found,) = tracker.update([van], ns(i / 10), ego)
+    assert found.track.position_m[0] == pytest.approx(6.5, abs=0.05)
+    assert np.hypot(*found.track.velocity_mps) < 0.7
+
+
+def test_free_space_of_other_columns_is_not_compared() -> None:
+    tracker = Tracker(RECTIFICATION, None)
+    world = World([Thing((20.0, 0.0))])
+    for i, count in enumerate([100, 100, 100, 50]):
+        free = FreeSpace(np.linspace(0, 1200, count), np.full(count, 30.0))
+        tracker.update(world.seen(i / 10), ns(i / 10), world.ego(i / 10 - 0.1, i / 10) if i else None, free)
+
+
 def test_calibration_stays_beside() -> None:
     """What the calibration does is the same in every frame: no filter makes it smaller."""
     cov = np.diag([0.3, 0.2, 0.1])

@@ -14,6 +14,7 @@ from roadblock.kernels.reference.track import (
     CLOSING_SIGMAS,
     CONTRADICTED,
     DEPTH_M,
+    EDGE_PX,
     FAR,
     FLOOR_MPS,
     LEAST,
@@ -188,6 +189,7 @@ def compare(
     measured: Floats,
     noise_px2: Floats,
     sizes: Floats,
+    boxes: Floats,
     gate: float,
 ) -> Floats:
     """See `reference.track.compare`."""
@@ -206,7 +208,11 @@ def compare(
                 for b in range(3):
                     both[a, b] = S[i, a, b] + noise_px2[j, a, b]
             det = _invert(both, inverse)
-            squared = LOOKS * ((looks[i, 0] - sizes[j, 0]) ** 2 + (looks[i, 1] - sizes[j, 1]) ** 2)
+            squared = 0.0
+            for a in range(2):
+                blur = 1 + LOOKS * 2 * EDGE_PX**2 / max(boxes[j, 2 + a] - boxes[j, a], 1.0) ** 2
+                squared += LOOKS * (looks[i, a] - sizes[j, a]) ** 2 / blur
+                det *= blur
             for a in range(3):
                 for b in range(3):
                     squared += off[a] * inverse[a, b] * off[b]
@@ -448,19 +454,26 @@ def learn(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def clearance(u_px: Floats, half_px: Floats, column_px: Floats, free_m: Floats) -> Floats:
+def clearance(
+    u_px: Floats, half_px: Floats, wide_px: Floats, column_px: Floats, free_m: Floats
+) -> tuple[Floats, Floats]:
     """See `reference.track.clearance`."""
     n, count = len(u_px), len(column_px)
-    found, near = np.empty(n), np.empty(count)
+    median, least, near = np.empty(n), np.full(n, np.nan), np.empty(count)
     for k in range(n):
         m = 0
         for i in range(count):
-            if abs(column_px[i] - u_px[k]) <= half_px[k] and np.isfinite(free_m[i]):
+            apart_px = abs(column_px[i] - u_px[k])
+            if not np.isfinite(free_m[i]):
+                continue
+            if apart_px <= half_px[k]:
                 near[m] = free_m[i]
                 m += 1
+            if apart_px <= wide_px[k] and not free_m[i] >= least[k]:
+                least[k] = free_m[i]
         near[:m].sort()
-        found[k] = (near[(m - 1) // 2] + near[m // 2]) / 2 if m else np.nan
-    return found
+        median[k] = (near[(m - 1) // 2] + near[m // 2]) / 2 if m else np.nan
+    return median, least
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

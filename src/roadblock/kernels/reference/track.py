@@ -21,8 +21,9 @@ SIDE_SHARE, ROW_SHARE = 0.05, 0.15
 """Share of a box's width, and of its height, by which its measured point wanders as its outline changes."""
 DEPTH_M = 0.1
 """By which the nearest face wanders."""
-LOOKS = 10.0
-"""What a box of e times the width, or of e times the height, costs: as three sigmas."""
+LOOKS, EDGE_PX = 10.0, 3.0
+"""What a box of e times the width, or of e times the height, costs: as three sigmas; less so for small boxes, each end
+of which is off by the second."""
 FAR = 1e6
 """Cost of what cannot be."""
 BEFORE_M, BEHIND_M, BEHIND_SHARE = 0.7, 3.0, 0.1
@@ -150,6 +151,7 @@ def compare(
     measured: Floats,
     noise_px2: Floats,
     sizes: Floats,
+    boxes: Floats,
     gate: float,
 ) -> Floats:
     """Return (k, l) what it costs to take each measurement for each track; `FAR` where it cannot be.
@@ -166,15 +168,19 @@ def compare(
         widths and heights.
     measured, noise_px2, sizes
         (m, 3), (m, 3, 3) and (m, 2) the same of the measurements.
+    boxes
+        (m, 4) u0, v0, u1, v1.
     gate
         Squared distance, that of the looks with it, beyond which nothing fits.
     """
     off = measured[columns] - expected[rows, None]
     both = S[rows, None] + noise_px2[columns]
-    unlike = ((looks[rows, None] - sizes[columns]) ** 2).sum(2)
+    sides_px = np.maximum(boxes[columns, 2:] - boxes[columns, :2], 1.0)
+    blur = 1 + LOOKS * 2 * EDGE_PX**2 / sides_px**2
+    unlike = ((looks[rows, None] - sizes[columns]) ** 2 / blur).sum(2)
     with np.errstate(invalid="ignore"):
         squared = np.einsum("nmi,nmi->nm", off, np.linalg.solve(both, off[..., None])[..., 0]) + LOOKS * unlike
-        return np.where(squared <= gate, squared + np.log(np.linalg.det(both)), FAR)
+        return np.where(squared <= gate, squared + np.log(np.linalg.det(both) * blur.prod(1)), FAR)
 
 
 def correct(
@@ -392,15 +398,24 @@ def learn(
     return np.asarray(np.clip(log_noise + step, *NOISE_LIMITS))
 
 
-def clearance(u_px: Floats, half_px: Floats, column_px: Floats, free_m: Floats) -> Floats:
-    """Return (n,) the median range of free space, m, in the columns within `half_px` of each `u_px`; NaN if unknown.
+def clearance(
+    u_px: Floats, half_px: Floats, wide_px: Floats, column_px: Floats, free_m: Floats
+) -> tuple[Floats, Floats]:
+    """Return (n,) the median range of free space, m, within `half_px` of each `u_px`, and (n,) the least in `wide_px`.
+
+    Both are NaN where nothing is known.
 
     Parameters
     ----------
-    u_px, half_px
+    u_px, half_px, wide_px
         (n,) where to look.
     column_px, free_m
         (k,) the free space; NaN where it is unknown.
     """
-    near = (np.abs(column_px - u_px[:, None]) <= half_px[:, None]) & np.isfinite(free_m)
-    return np.array([np.median(free_m[row]) if row.any() else np.nan for row in near])
+    apart_px, known = np.abs(column_px - u_px[:, None]), np.isfinite(free_m)
+    own = [free_m[row] for row in (apart_px <= half_px[:, None]) & known]
+    near = [free_m[row] for row in (apart_px <= wide_px[:, None]) & known]
+    return (
+        np.array([np.median(m) if len(m) else np.nan for m in own]),
+        np.array([m.min() if len(m) else np.nan for m in near]),
+    )

@@ -6,9 +6,11 @@ from collections.abc import Sequence, Set
 import numpy as np
 from numpy.typing import NDArray
 
+from roadblock.kernels.compiled.decide import among
+from roadblock.kernels.reference.decide import CELL_M
 from roadblock.stages.decide.contact import Contact, find_contact
 from roadblock.stages.decide.hazards import Hazards, Layout
-from roadblock.stages.decide.memory import CELL_M, Memory, OwnMotion, turned
+from roadblock.stages.decide.memory import Memory, OwnMotion, turned
 from roadblock.stages.decide.settings import DecideSettings
 from roadblock.stages.decide.swerve import (
     Ways,
@@ -30,10 +32,6 @@ KNOWN_S = 1.0
 """So long the car's own motion is taken to go on."""
 FORGET_S = 1.5
 """After a longer gap without frames all starts anew."""
-SPREAD_M = 0.6
-"""Ends of columns that are off by more are not remembered."""
-FREE_SIGMAS, FREE_M = 2.0, 0.3
-"""Road seen so far behind a cell contradicts it."""
 FOOT_M = 1.0
 """The road must be in view this much before a cell to contradict it."""
 LOST_S, LOST_M = 1.5, 8.0
@@ -46,7 +44,8 @@ SEEN_FROM_M = 4.0
 """Nearer, at the sides, no camera sees it."""
 CROSSING_MPS = 0.6
 """What goes across the road so fast, or along it faster than `PASSED_MPS`, is not driven round."""
-PASSED_MPS = 2.0
+PASSED_MPS, TOWARDS_MPS = 2.0, -0.3
+"""Nor is what comes towards the car: the car stops for it."""
 CREEP_MPS = 2.0
 """How fast a car that has stopped would go on."""
 BLOCKED = 2
@@ -55,8 +54,6 @@ SLOWER_MPS2 = 2.5
 """How a car slows down that finds its way round blocked further on."""
 SAME_M = 1.0
 """What is remembered so near to a track belongs to it."""
-STOOD_M = 0.3
-"""What is so near to where something stood does not move, whatever its track says."""
 STRAIGHT_RADPS = 0.12
 """A road that turns the car faster bends too much to plan a way aside."""
 
@@ -87,7 +84,7 @@ class Decider:
     def _restart(self, t_ns: int) -> None:
         self._t_ns, self._own = t_ns, OwnMotion()
         self._stood, self._kerbs, self._height_m = Memory(), Memory(), math.nan
-        self._movers: dict[int, tuple[Hazards, int]] = {}
+        self._movers, self._seen_ns = Hazards.of(np.zeros((0, 2))), np.zeros(0, np.int64)  # remembered, and when seen
         self._last = Decision("none", "nothing was seen yet")
         self._recent: list[bool] = []
         self._brakes, self._until_ns = False, 0
@@ -156,48 +153,37 @@ class Decider:
 
     def _seen(self, obstacles: Sequence[Obstacle], free: FreeSpace) -> Hazards:
         """Take a frame in, and return everything that stands or moves, in the axes of the vehicle."""
-        ends = self._layout.standing_ends(obstacles, free)
-        self._remember(self._stood, free, free.range_m, ends)
+        r, own = self._layout.rectification, self._own
+        faces, ends = self._layout.faces(obstacles, free, set(self._movers.number.tolist()))
+        foot_m = self._height_m * r.f_px / (r.size_px[1] - r.cy_px) + FOOT_M  # NaN: nothing is in view for sure
+        self._stood.take_in(free, free.range_m, ends, foot_m, own, self._layout)
         if free.edges is not None:
-            edge = free.edges.range_m
-            reach = np.where(np.isfinite(edge), edge, free.range_m)
-            self._remember(self._kerbs, free, reach, np.isfinite(edge))
-        stood = Hazards.of(self._own.from_here(self._stood.at_m), sigma_m=CELL_M)
-        faces = [_still(face, stood.at_m) for face in self._layout.faces(obstacles, free, self._movers)]
+            edge_m = free.edges.range_m
+            is_edge = np.isfinite(edge_m)
+            reach_m = np.where(is_edge, edge_m, free.range_m)
+            self._kerbs.take_in(free, reach_m, is_edge, foot_m, own, self._layout)
         sure = {o.track.id for o in obstacles if o.track is not None and o.track.motion == "moving"}
-        return Hazards.joined([stood, *faces, *self._lost(faces, sure)])
+        stood = Hazards.of(self._stood.here_m, sigma_m=CELL_M)
+        return Hazards.joined([stood, faces, self._lost(faces, sure)])
 
-    def _remember(self, memory: Memory, free: FreeSpace, reach_m: FloatArray, ends: NDArray[np.bool_]) -> None:
-        layout, own = self._layout, self._own
-        ends = ends & (layout.sigma_m(np.nan_to_num(reach_m, nan=np.inf)) < SPREAD_M)
-        spread = np.linspace(-1, 1, 7)[:, None] * layout.sigma_m(reach_m[ends])
-        at_m = layout.points(np.tile(free.u_px[ends], 7), (reach_m[ends] + spread).ravel())
-        memory.add(own.remembered(at_m))
-        column, z = layout.columns(own.from_here(memory.all_m), free.u_px)
-        beyond = FREE_M + FREE_SIGMAS * layout.sigma_m(z)
-        r = layout.rectification
-        foot_m = self._height_m * r.f_px / (r.size_px[1] - r.cy_px) + FOOT_M  # NaN: never
-        with np.errstate(invalid="ignore"):
-            is_free = (column >= 0) & (z > foot_m) & (z + beyond < reach_m[np.maximum(column, 0)])
-        memory.doubt(is_free)
-        memory.forget(own)
-
-    def _lost(self, faces: Sequence[Hazards], sure: Set[int]) -> list[Hazards]:
+    def _lost(self, faces: Hazards, sure: Set[int]) -> Hazards:
         """Keep what moves for sure; return what did, was near and is out of view, moved on."""
-        own, seen = self._own, {int(face.number[0]): face for face in faces}
-        for number in [number for number, (_, t_ns) in self._movers.items() if self._t_ns - t_ns > 1e9 * LOST_S]:
-            del self._movers[number]
-        for number in sure & seen.keys():
-            face = seen[number]
-            velocity = turned(face.velocity_mps, own.heading_rad)
-            kept = face._replace(at_m=own.remembered(face.at_m), velocity_mps=velocity)
-            self._movers[number] = (kept, self._t_ns)
-        gone = []
-        for face, t_ns in (mover for number, mover in self._movers.items() if number not in seen):
-            at_m = own.from_here(face.at_m + face.velocity_mps * ((self._t_ns - t_ns) / 1e9))
-            if at_m[:, 0].min() < LOST_M:
-                gone.append(face._replace(at_m=at_m, velocity_mps=turned(face.velocity_mps, -own.heading_rad)))
-        return gone
+        own, kept, moving = self._own, self._movers, np.array([*sure], np.int64)
+        if len(kept.number):
+            fresh = (self._t_ns - self._seen_ns <= 1e9 * LOST_S) & ~among(kept.number, moving)
+            kept, self._seen_ns = kept.where(fresh), self._seen_ns[fresh]
+        gone = ~among(kept.number, faces.number)
+        lost, ago_s = kept.where(gone), (self._t_ns - self._seen_ns[gone])[:, None] / 1e9
+        if sure:
+            new = faces.where(among(faces.number, moving))
+            velocity_mps = turned(new.velocity_mps, own.heading_rad)
+            new = new._replace(at_m=own.remembered(new.at_m), velocity_mps=velocity_mps)
+            kept = Hazards.joined([kept, new])
+            self._seen_ns = np.concatenate([self._seen_ns, np.full(len(new.number), self._t_ns)])
+        self._movers = kept
+        at_m = own.from_here(lost.at_m + lost.velocity_mps * ago_s)
+        lost = lost._replace(at_m=at_m, velocity_mps=turned(lost.velocity_mps, -own.heading_rad))
+        return lost.where(lost.at_m[:, 0] < LOST_M)
 
     def _choose(self, hazards: Hazards, free: FreeSpace) -> Decision:
         if self._way is not None:
@@ -243,11 +229,12 @@ class Decider:
         return Decision("none", told, found.ttc_s, found.sigma_s, obstacle_id=number)
 
     def _can_pass(self, hazards: Hazards, index: int) -> bool:
-        """Return whether what is in the way stands or walks along for sure, on a straight road."""
-        ahead, aside = np.abs(hazards.velocity_mps[index])
-        slow = bool(ahead < PASSED_MPS and aside < CROSSING_MPS)
+        """Return whether what is in the way stands, or goes along before the car, for sure, on a straight road."""
+        mine = np.hypot(*(hazards.at_m - hazards.at_m[index]).T) < SAME_M
+        ahead, aside = hazards.velocity_mps[mine].T
+        slow = (ahead < PASSED_MPS) & (ahead > TOWARDS_MPS) & (np.abs(aside) < CROSSING_MPS)
         known = bool(hazards.doubt[index] == 0) or self._brakes
-        return slow and known and abs(self._own.yaw_rate_radps) < STRAIGHT_RADPS
+        return bool(slow.all()) and known and abs(self._own.yaw_rate_radps) < STRAIGHT_RADPS
 
     def _in_road(self, hazards: Hazards) -> Hazards:
         """Return hazards in the axes of the road."""
@@ -267,24 +254,29 @@ class Decider:
         aside_m = here[1] - self._line_m if self._way is not None else 0.0
         ways = ways_aside(math.tan(own.askew_rad), aside_m, s)
         ways = ways.where(drivable(ways, own.speed_mps, s))
-        ways = ways.where(self._is_clear(ways, hazards, until_m, s.margin_m))
+        least = 1.0 if self._way is None else 0.5  # of the room: who is on a way round must get through
+        ways = ways.where(self._is_clear(ways, hazards, until_m, least * s.margin_m))
         ways = ways.where(self._is_seen(ways, free, until_m))
         if not len(ways.length_m):
             return None
-        roomy = self._is_clear(ways, hazards, until_m, 2 * s.margin_m)
-        ways = ways.where(roomy) if roomy.any() else ways
+        for share in (2.0, 1.0):
+            roomy = self._is_clear(ways, hazards, until_m, share * s.margin_m)
+            if roomy.any():
+                ways = ways.where(roomy)
+                break
         wanted_m = 0.0 if self._way is None else self._begun_m[1] + float(self._way.offset_m[0]) - here[1]
         return ways.only(int(np.argmin(np.abs(ways.offset_m - wanted_m))))
 
     def _is_clear(self, ways: Ways, hazards: Hazards, until_m: float, margin_m: float) -> NDArray[np.bool_]:
         s, own, moves = self.settings, self._own, hazards.moves
         good = clear_of(ways, hazards.at_m[~moves], until_m, margin_m, s)
-        y = turned(own.from_here(self._kerbs.at_m), own.askew_rad)[:, 1]  # kerbs run along the road, seen or not
+        y = turned(self._kerbs.here_m, own.askew_rad)[:, 1]  # kerbs run along the road, seen or not
         right, left = y[y < 0].max(initial=-np.inf), y[y > 0].min(initial=np.inf)
         ends = swept(ways, np.arange(0.0, until_m, 1.0), s)
         good &= (ends[0].min(1) > right + KERB_M) & (ends[1].max(1) < left - KERB_M)
-        if moves.any() and good.any():
-            good &= clear_of_moving(ways, hazards.where(moves), until_m, own.speed_mps, s)
+        may_move = moves | ((hazards.doubt > 0) & (hazards.sigma_mps[:, 0] > 0))  # not what the picture cuts
+        if may_move.any() and good.any():
+            good &= clear_of_moving(ways, hazards.where(may_move), until_m, own.speed_mps, s)
         return good
 
     def _is_seen(self, ways: Ways, free: FreeSpace, until_m: float) -> NDArray[np.bool_]:
@@ -306,7 +298,7 @@ class Decider:
             self._way, self._recent = None, []
             return self._choose(hazards, free)
         rest, in_road = self._way.from_point(along, left), self._in_road(hazards)
-        found = find_contact(rest, in_road, max(own.speed_mps, CREEP_MPS), s.margin_m / 2, s)
+        found = find_contact(rest, in_road, max(own.speed_mps, CREEP_MPS), s.margin_m / 2, s, strict=True)
         blocked = found is not None and found.is_sure and found.ttc_s < s.swerve_s
         self._blocked = self._blocked + 1 if blocked else 0
         if found is None or self._blocked < BLOCKED:
@@ -342,16 +334,6 @@ class Decider:
         self._commands.append((self._t_ns, curvature))
         ttc = (math.nan, math.nan) if found is None else (found.ttc_s, found.sigma_s)
         return Decision(action, reason, *ttc, slower_mps2, curvature, float(rest.offset_m[0]), number)
-
-
-def _still(face: Hazards, stood_m: FloatArray) -> Hazards:
-    """Return a face, standing if most of it is where something has stood for a while."""
-    if not face.moves[0] or not len(stood_m):
-        return face
-    apart_m = np.linalg.norm(face.at_m[:, None] - stood_m, axis=2).min(1)
-    if np.median(apart_m) > STOOD_M:
-        return face
-    return face._replace(velocity_mps=np.zeros_like(face.at_m), doubt=np.zeros(len(face.at_m)))
 
 
 def _side(way: Ways) -> str:

@@ -5,18 +5,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.geometry.pose import inverse, rotvec_from_rotation
+from roadblock.kernels.compiled.decide import recall
+from roadblock.stages.decide.hazards import Layout, grid
 from roadblock.values.checks import FloatArray
 from roadblock.values.motion import EgoMotion
+from roadblock.values.scene import FreeSpace
 
-CELL_M = 0.2
-MOST, SURE = 6, 3
-"""Evidence for a cell, at most `MOST`: one for each frame that saw something there, less one for each that did not."""
-AHEAD_M, BESIDE_M, BEHIND_M = 30.0, 10.0, 4.0
-"""What is further away is forgotten."""
 ROAD_SHARE = 0.15
 """How fast the road's direction is learnt from where the car heads."""
-_SHIFT = 1 << 24
 
 
 class OwnMotion:
@@ -42,8 +38,9 @@ class OwnMotion:
         """
         step, turn = np.array([self.speed_mps * dt_s, 0.0]), self.yaw_rate_radps * dt_s
         if ego is not None and ego.T_now_before is not None:
-            T = inverse(ego.T_now_before)
-            step, turn = (R @ T[:3, 3])[:2], float((R @ rotvec_from_rotation(T[:3, :3]))[2])
+            T = ego.T_now_before
+            step = -(R @ (T[:3, 3] @ T[:3, :3]))[:2]  # the way back is the inverse
+            turn = _turned_rad(R @ T[:3, :3].T @ R.T)
             seconds = (ego.t_ns - ego.before_t_ns) / 1e9
             self.speed_mps, self.yaw_rate_radps, self.known_t_ns = float(step[0]) / seconds, turn / seconds, t_ns
         self.at_m = self.at_m + turned(step[None], self.heading_rad)[0]
@@ -68,47 +65,52 @@ class OwnMotion:
 
 
 class Memory:
-    """Cells of a grid on the road where something stood."""
+    """Cells of a grid on the road where something stood; `here_m` (n, 2) are the sure ones, from where the car is."""
 
     def __init__(self) -> None:
-        self._cells = np.zeros((0, 2), np.int64)
-        self._evidence = np.zeros(0, np.int64)
+        self._cells, self._evidence = np.zeros((0, 2), np.int64), np.zeros(0, np.int64)
+        self.here_m = np.zeros((0, 2))
 
-    def add(self, at_m: FloatArray) -> None:
-        """Take in where something was seen in a frame, (n, 2)."""
-        new = np.rint(at_m / CELL_M).astype(np.int64)
-        keys = np.concatenate([_key(self._cells), np.unique(_key(new))])
-        evidence = np.concatenate([self._evidence, np.ones(len(keys) - len(self._evidence), np.int64)])
-        keys, index = np.unique(keys, return_inverse=True)
-        self._evidence = np.minimum(np.bincount(index, evidence).astype(np.int64), MOST)
-        self._cells = np.stack([(keys + _SHIFT // 2) // _SHIFT, (keys + _SHIFT // 2) % _SHIFT - _SHIFT // 2], 1)
+    def __len__(self) -> int:
+        """Return how many cells have any evidence."""
+        return len(self._cells)
 
-    @property
-    def all_m(self) -> FloatArray:
-        """(n, 2) all cells that have any evidence."""
-        return np.asarray(self._cells * CELL_M)
+    def take_in(
+        self,
+        free: FreeSpace,
+        reach_m: FloatArray,
+        ends: NDArray[np.bool_],
+        foot_m: float,
+        own: OwnMotion,
+        layout: Layout,
+    ) -> None:
+        """Remember where columns end, doubt what is seen to be free, forget what is passed or far away.
 
-    def doubt(self, is_free: NDArray[np.bool_]) -> None:
-        """Take in for `all_m` (n,) which of them were seen to be free."""
-        self._evidence = self._evidence - is_free
-        self._keep(self._evidence > 0)
+        Parameters
+        ----------
+        free
+            The columns.
+        reach_m, ends
+            (c,) how far each is seen, and whether it ends there.
+        foot_m
+            What is nearer is out of view.
+        own
+            Where the car is.
+        layout
+            Of the columns.
+        """
+        at = np.array([*own.at_m, math.cos(own.heading_rad), math.sin(own.heading_rad)])
+        columns, twin = grid(free.u_px), layout.rectification.numbers
+        self._cells, self._evidence, self.here_m = recall(
+            self._cells, self._evidence, at, columns, reach_m, ends, foot_m, twin, layout.R_road
+        )
 
-    def forget(self, own: OwnMotion) -> None:
-        """Drop what is passed or far away."""
-        x, y = own.from_here(self.all_m).T
-        self._keep((x > -BEHIND_M) & (x < AHEAD_M) & (np.abs(y) < BESIDE_M))
 
-    def _keep(self, mask: NDArray[np.bool_]) -> None:
-        self._cells, self._evidence = self._cells[mask], self._evidence[mask]
-
-    @property
-    def at_m(self) -> FloatArray:
-        """(n, 2) where something stands."""
-        return np.asarray(self._cells[self._evidence >= SURE] * CELL_M)
-
-
-def _key(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.asarray(cells[:, 0] * _SHIFT + cells[:, 1])
+def _turned_rad(R: FloatArray) -> float:
+    """Return the last number of the rotation vector of a rotation that is less than half a turn."""
+    sine = 0.5 * math.hypot(R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1])
+    angle = math.atan2(sine, 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1))
+    return 0.5 * float(R[1, 0] - R[0, 1]) * (angle / sine if sine > 1e-12 else 1.0)
 
 
 def turned(at_m: FloatArray, angle_rad: float) -> FloatArray:

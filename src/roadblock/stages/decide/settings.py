@@ -1,6 +1,11 @@
 """What can be set about deciding."""
 
+from functools import cached_property
+
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
+
+from roadblock.values.checks import FloatArray
 
 
 class DecideSettings(BaseModel):
@@ -24,3 +29,10 @@ class DecideSettings(BaseModel):
     confirm: int = Field(2, ge=1, description="So many frames, of one more, must agree before anything is done.")
     hold_s: float = Field(0.3, ge=0, description="So long it goes on after the road was free again.")
     widest_m: float = Field(4.0, gt=0, description="No swerve leads further aside than this from the car's old line.")
+
+    @cached_property
+    def numbers(self) -> FloatArray:
+        """(7,) what kernels need: front, rear, width, hardest braking, the share of it, room to stop, delay."""
+        return np.array(
+            [self.front_m, self.rear_m, self.width_m, self.brake_mps2, self.brake_share, self.stop_m, self.delay_s]
+        )

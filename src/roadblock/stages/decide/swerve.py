@@ -25,8 +25,9 @@ BIN_M = 0.5
 """Points are compared with a way at such steps."""
 LOOK_S = 0.6
 """A deviation from the way is corrected within this time."""
-SHY = 0.5
-"""More room by this share of how far what moves may have gone by mistake."""
+SHY, SHY_AHEAD, WALK_MPS = 0.5, 1.5, 1.5
+"""More room by so many sigmas of how far what moves may have gone otherwise, aside and along; no sigma is larger than
+the third: what nobody knows about is a person at worst."""
 
 
 _CHOOSE = np.array([[math.comb(j, k) for j in range(6)] for k in range(6)], float)
@@ -147,14 +148,16 @@ def clear_of(
 def clear_of_moving(
     ways: Ways, moving: Hazards, until_m: float, speed_mps: float, settings: DecideSettings
 ) -> NDArray[np.bool_]:
-    """Return which ways (m,) keep out of the way of everything that moves, if it goes on as it does."""
+    """Return which ways (m,) keep out of the way of everything that moves or may, if it goes on about as it does."""
     s = np.arange(0.0, until_m + 1.0)
     y, _, _ = ways.at(np.broadcast_to(s, (len(ways.length_m), len(s))))
     v = speeds(ways, s[None, :], max(speed_mps, SLOWEST_MPS))
     t = np.concatenate([np.zeros((len(v), 1)), np.cumsum(2 * np.diff(s) / (v[:, 1:] + v[:, :-1]), axis=1)], 1)
     x_thing, y_thing = (moving.at_m[:, i, None, None] + moving.velocity_mps[:, i, None, None] * t for i in (0, 1))
-    room = settings.width_m / 2 + settings.margin_m + SHY * moving.sigma_mps[:, 1, None, None] * t
-    along = (x_thing - THICK_M < s + settings.front_m) & (x_thing + THICK_M > s - settings.rear_m)
+    unsure_mps = np.minimum(moving.sigma_mps, WALK_MPS)
+    room = settings.width_m / 2 + settings.margin_m + SHY * unsure_mps[:, 1, None, None] * t
+    thick_m = THICK_M + SHY_AHEAD * unsure_mps[:, 0, None, None] * t
+    along = (x_thing - thick_m < s + settings.front_m) & (x_thing + thick_m > s - settings.rear_m)
     return np.asarray(~((np.abs(y_thing - y) < room) & along).any(axis=(0, 2)))
 
 

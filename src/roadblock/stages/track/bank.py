@@ -11,6 +11,8 @@ from roadblock.kernels.compiled.track import roughen
 from roadblock.values.checks import FloatArray
 from roadblock.values.scene import Obstacle
 
+KEPT = 10
+"""Frames that are remembered."""
 LEAST_M = np.array([0.05, 0.05, 0.0])
 """Widths, heights and lengths are at least this, unknown ones too."""
 
@@ -84,6 +86,12 @@ class Bank:
         (n,) in how many frames they were measured, and in how many they were not since.
     doubt_s
         (n,) how long free road has been seen where they should be.
+    spans
+        (n, `KEPT`, 4) where it was in the frames that are remembered; see `kernels.reference.traces.ends`. 0 = nowhere.
+    moved_ns
+        (n,) when it was seen last that it had left where it was.
+    slid
+        (n,) whether its outline moves though nothing has left its place.
     against
         (n,) how many times in a row the features on them contradicted their velocities.
     looks
@@ -105,6 +113,9 @@ class Bank:
     missed: NDArray[np.int64]
     doubt_s: FloatArray
     against: NDArray[np.int64]
+    spans: FloatArray
+    moved_ns: NDArray[np.int64]
+    slid: NDArray[np.bool_]
     looks: FloatArray
     foot_m: FloatArray
     last: NDArray[Any]
@@ -123,6 +134,9 @@ class Bank:
             x,
             P,
             *counts,
+            np.zeros((n, KEPT, 4)),
+            zero.copy(),
+            np.zeros(n, bool),
             seen.looks,
             seen.foot - x[:, :3],
             seen.obstacles,

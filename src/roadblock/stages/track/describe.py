@@ -21,6 +21,8 @@ STANDING_SIGMA_MPS = 0.6
 WELL_KNOWN = 4
 """What was measured less often, neither moves nor stands, nor coasts: two pieces of one thing may look like a fast one.
 """
+MOVED_S = 0.5
+"""Who has left where he was is believed to move for so long."""
 
 
 def describe(
@@ -41,13 +43,18 @@ def describe(
         unknown and velocities are relative.
     """
     x, P = bank.x[rows], bank.P[rows]
+    # What slid has the velocity of its outline, which is not its own: it may as well stand.
+    slid, v = bank.slid[rows], x[:, 3:]
+    P[:, 3:, 3:] += np.where(slid[:, None, None], v[:, :, None] * v[:, None, :], 0.0)
+    v[slid] = 0.0
     over_ground = twist is not None
     if twist is None:
         twist, twist_cov = np.zeros(6), np.zeros((6, 6))
     ttc_s, sigma_s, off, places = approach(x, P, optics.ahead, optics.eye, optics.fb, twist, twist_cov)
     is_known = over_ground & (bank.found[rows] >= WELL_KNOWN)
     speed = np.hypot(x[:, 3], x[:, 4])
-    moves = is_known & (off > SURE) & (speed > SLOW_MPS)
+    has_moved = t_ns - bank.moved_ns[rows] <= 1e9 * MOVED_S
+    moves = is_known & (off > SURE) & (speed > SLOW_MPS) & has_moved
     stands = is_known & (speed <= SLOW_MPS) & (np.maximum(P[:, 3, 3], P[:, 4, 4]) <= STANDING_SIGMA_MPS**2)
     return [
         Track.known(

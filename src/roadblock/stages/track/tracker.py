@@ -14,6 +14,7 @@ from roadblock.kernels.compiled.track import (
     compare,
     correct,
     correct_velocity,
+    deviation,
     feel,
     learn,
     predict,
@@ -21,9 +22,10 @@ from roadblock.kernels.compiled.track import (
 from roadblock.kernels.reference.track import FAR, SIZE, TINY
 from roadblock.stages.track.associate import assign, covered
 from roadblock.stages.track.bank import Bank, Seen, see
-from roadblock.stages.track.describe import WELL_KNOWN, describe, moved_obstacle
+from roadblock.stages.track.describe import MOVED_S, SURE, WELL_KNOWN, describe, moved_obstacle
 from roadblock.stages.track.optics import Optics
 from roadblock.stages.track.settings import TrackSettings
+from roadblock.stages.track.traces import Traces
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.motion import EgoMotion, Flow, Track
@@ -46,6 +48,8 @@ SLIP_M, SLIP_S = 1.5, 1.0
 within this time: the velocity is so much less sure."""
 RETURN_S, RETURN_M = 0.25, 1.0
 """What was unseen for so long comes out from behind something: in part, joined to it, its distance may be off."""
+CUT_PX = 8
+"""A box that ends so near to the picture's side is cut by it: what shows of it is another part in each frame."""
 ALIKE_M, ALIKE_SHARE = 2.0, 0.15
 """What covers a track may be so far before or behind it to be taken for the whole of which it is a part."""
 LEAST_HALF_PX = 4.0
@@ -100,6 +104,7 @@ class Tracker:
         )
         self._twist, self._twist_cov, self._twist_t_ns = np.zeros(6), np.zeros((6, 6)), 0
         self._over_ground = False
+        self._traces = Traces(self.optics.twin)
 
     def update(
         self, obstacles: Sequence[Obstacle], t_ns: int, ego: EgoMotion | None, free_space: FreeSpace | None = None
@@ -134,11 +139,14 @@ class Tracker:
         expected = self._expected(self._bank)
         rows, columns, grown_px2 = self._matched(seen, expected)
         self._correct(rows, columns, grown_px2, seen, expected)
+        self._look_back(free_space)
         if ego is not None and ego.flow is not None and self._over_ground:
             self._feel(rows, ego.flow, dt_s)
         merged = self._merged(rows, seen, expected)
         shown = self._forget(rows, merged, dt_s, free_space)
         self._bear(columns, seen)  # behind those that are left
+        if free_space is not None:
+            self._traces.keep(self._bank, free_space, t_ns)
         return self._reported(seen, np.concatenate([shown, np.ones(len(self._bank) - len(shown), bool)]))
 
     def _expected(self, bank: Bank) -> _Expected:
@@ -147,10 +155,12 @@ class Tracker:
     def _predict(self, dt_s: float, t_ns: int, ego: EgoMotion | None) -> None:
         """Bring all tracks to the next frame."""
         if ego is not None and ego.T_now_before is not None and (ego.before_t_ns, ego.t_ns) == (self._t_ns, t_ns):
+            self._traces.move(ego.T_now_before)
             T, cov, self._twist = carry(ego.T_now_before, ego.cov, self.optics.T_vehicle_car, dt_s)
             self._twist_cov, self._twist_t_ns = cov / dt_s**2, t_ns
             self._ground(True)
         else:
+            self._traces.move(None)
             unknown_s = (t_ns - self._twist_t_ns) / 1e9
             if unknown_s > EGO_KNOWN_S:
                 self._ground(False)
@@ -225,6 +235,7 @@ class Tracker:
                 seen.uvd,
                 seen.noise_px2,
                 seen.looks,
+                seen.boxes,
                 self.settings.gate,
             )
         )
@@ -253,17 +264,24 @@ class Tracker:
                 close & (np.maximum(mine, theirs) >= SAME_SHARE), 1 - np.maximum(mine, theirs) + (1 - alike) / 2, FAR
             )
         )
-        self._slip(rows[i], off_m[i, j])
+        sides_px = others[j, 2:] - others[j, :2]
+        px_per_m = seen.uvd[columns[j], 2] / self.optics.rectification.baseline_m
+        self._slip(rows[i], off_m[i, j], sides_px[:, 0] / px_per_m)
         grown_px2 = np.zeros((len(i), 3))
-        grown_px2[:, :2] = ((others[j, 2:] - others[j, :2]) / 2) ** 2
+        grown_px2[:, :2] = (sides_px / 2) ** 2
         return rows[i], columns[j], grown_px2
 
-    def _slip(self, rows: Indices, off_m: FloatArray) -> None:
-        """Let the places of tracks be off by so much, which says nothing about their velocities but doubt."""
-        P = self._bank.P
+    def _slip(self, rows: Indices, off_m: FloatArray, wide_m: FloatArray) -> None:
+        """Let the places of tracks be off by so much ahead, and aside by half of how wide they are at most.
+
+        That says nothing about their velocities but doubt of the one ahead.
+        """
+        P, ahead = self._bank.P, self.optics.ahead[:3]
+        along, side_m = np.outer(ahead, ahead), np.minimum(np.abs(off_m), wide_m / 2)
         P[rows, :3, 3:] = 0.0
         P[rows, 3:, :3] = 0.0
-        P[rows] += np.diag([1.0] * 3 + [1 / SLIP_S**2] * 2) * (off_m**2)[:, None, None]
+        P[rows, :3, :3] += (off_m**2)[:, None, None] * along + (side_m**2)[:, None, None] * (np.eye(3) - along)
+        P[rows, 3:, 3:] += ((off_m / SLIP_S) ** 2)[:, None, None] * along[:2, :2]
 
     def _boxes(self, rows: Indices, expected: _Expected) -> FloatArray:
         """Return (k, 4) where the boxes of some tracks should be now; NaN behind the cameras."""
@@ -280,13 +298,45 @@ class Tracker:
         )
 
     def _correct(self, rows: Indices, columns: Indices, grown_px2: FloatArray, seen: Seen, expected: _Expected) -> None:
-        """Let tracks know what was measured of them."""
+        """Let tracks know what was measured of them; the place of what the picture cuts is where it is seen."""
         b = self._bank
-        correct(rows, columns, b.x, b.P, expected.uvd, expected.J, seen.uvd, seen.noise_px2, grown_px2)
+        boxes = seen.boxes[columns]
+        is_cut = (boxes[:, 0] < CUT_PX) | (boxes[:, 2] > self.optics.rectification.size_px[0] - CUT_PX)
+        whole = ~is_cut
+        correct(
+            rows[whole],
+            columns[whole],
+            b.x,
+            b.P,
+            expected.uvd,
+            expected.J,
+            seen.uvd,
+            seen.noise_px2,
+            grown_px2[whole],
+        )
+        if is_cut.any():
+            self._replace(rows[is_cut], columns[is_cut], seen)
         b.note(rows, columns, seen, self._t_ns)
         for row in np.flatnonzero((b.id == 0) & (b.found >= CONFIRMED)).tolist():
             self._ids += 1
             b.id[row] = self._ids
+
+    def _replace(self, rows: Indices, columns: Indices, seen: Seen) -> None:
+        """Put tracks where they are measured, which says nothing about their velocities."""
+        b = self._bank
+        b.x[rows, :3], b.P[rows, :3, :3] = self.optics.place(seen.uvd[columns], seen.noise_px2[columns])
+        b.P[rows, :3, 3:] = 0.0
+        b.P[rows, 3:, :3] = 0.0
+
+    def _look_back(self, free_space: FreeSpace | None) -> None:
+        """Let tracks know whether they left where they were; without a road, their outlines are believed."""
+        b = self._bank
+        if free_space is None:
+            b.moved_ns[:] = self._t_ns
+            return
+        verdict = self._traces.judge(b, free_space, self._t_ns)
+        b.moved_ns[verdict.moved] = self._t_ns
+        b.slid = verdict.slid & (self._t_ns - b.moved_ns > 1e9 * MOVED_S)
 
     def _feel(self, rows: Indices, flow: Flow, dt_s: float) -> None:
         """Let tracks measured now know the velocity of the features on them."""
@@ -305,7 +355,10 @@ class Tracker:
             o.twin,
             o.T_car_vehicle,
         )
-        correct_velocity(rows, b.x, b.P, b.against, v_mps, cov + self._twist_cov[3:5, 3:5], known)
+        cov += self._twist_cov[3:5, 3:5]
+        correct_velocity(rows, b.x, b.P, b.against, v_mps, cov, known)
+        felt = rows[known & (deviation(v_mps, cov) > SURE)]
+        b.slid[felt], b.moved_ns[felt] = False, self._t_ns
 
     def _merged(self, rows: Indices, seen: Seen, expected: _Expected) -> NDArray[np.bool_]:
         """Return (n,) which tracks are not measured because they are part of something that is, at their distance."""
@@ -329,13 +382,13 @@ class Tracker:
         if not missing.any():
             return ~merged
         b.missed[missing] += 1
-        uvd, _, _ = self.optics.see(b.x, b.P)
+        uvd, _, S = self.optics.see(b.x, b.P)
         inside = ((uvd[:, :2] >= 0) & (uvd[:, :2] < self.optics.rectification.size_px)).all(1)  # not so for NaN
         limit_s = np.where(merged, s.hidden_s, s.forget_s)
         looked = np.flatnonzero(missing & inside & ~merged & (b.id > 0))
         if free_space is not None and len(looked):
-            off_m, sigma_m = self._free_behind(looked, uvd[looked], free_space)
-            b.doubt_s[looked[off_m > CLEAR_M + 3 * sigma_m]] += dt_s
+            off_m, least_m, sigma_m = self._free_behind(looked, uvd[looked], S[looked, 0, 0], free_space)
+            b.doubt_s[looked[least_m > CLEAR_M + 3 * sigma_m]] += dt_s
             limit_s[looked[off_m < -CLEAR_M]] = s.hidden_s
         unseen_s = (self._t_ns - b.seen_ns) / 1e9
         gone = missing & (~inside | (unseen_s > limit_s) | (b.doubt_s > s.contradicted_s))
@@ -345,17 +398,20 @@ class Tracker:
         self._bank = b.chosen(~gone)
         return ~merged[~gone]
 
-    def _free_behind(self, rows: Indices, uvd: FloatArray, free_space: FreeSpace) -> tuple[FloatArray, FloatArray]:
-        """Return how far behind some tracks the road is seen to be free (< 0: it ends before), and their sigmas, m.
+    def _free_behind(
+        self, rows: Indices, uvd: FloatArray, u_var_px2: FloatArray, free_space: FreeSpace
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return how far behind some tracks the road is seen to be free (< 0: it ends before), m, and their sigmas.
 
-        NaN where nothing was seen.
+        First where they should be, then at least anywhere they may be. NaN where nothing was seen.
         """
         n = self.optics.ahead[:3]
         half_px = np.exp(self._bank.looks[rows, 0]) * uvd[:, 2] / self.optics.rectification.baseline_m / 4
-        free_m = clearance(
-            np.ascontiguousarray(uvd[:, 0]), np.maximum(half_px, LEAST_HALF_PX), free_space.u_px, free_space.range_m
-        )
-        return free_m - self.optics.fb / uvd[:, 2], np.sqrt(n @ self._bank.P[rows, :3, :3] @ n)
+        half_px = np.maximum(half_px, LEAST_HALF_PX)
+        u_px, wide_px = np.ascontiguousarray(uvd[:, 0]), half_px + 2 * np.sqrt(u_var_px2)
+        free_m, least_m = clearance(u_px, half_px, wide_px, free_space.u_px, free_space.range_m)
+        at_m = self.optics.fb / uvd[:, 2]
+        return free_m - at_m, least_m - at_m, np.sqrt(n @ self._bank.P[rows, :3, :3] @ n)
 
     def _bear(self, columns: Indices, seen: Seen) -> None:
         """Begin a track of everything that belongs to none."""

@@ -1,0 +1,281 @@
+"""What is in a car's way, readably: outlines of obstacles on the road, cells that are remembered, contacts.
+
+Points on the road are (forward, left) in metres, seen from the middle between the cameras. `grid` is (middle of the
+first column, distance of two) of a free space, px; `twin` (f, cx, cy, baseline) of the rectified cameras, px and m; `R`
+(2, 2) turns (right, ahead) of the cameras into (forward, left); `car` (7,) is `DecideSettings.numbers`.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+
+FACE_STEP_M = 0.3
+"""Between the points of a face."""
+BESIDE_SHARE = 0.15
+"""A column of free space that ends so near to an obstacle's range ends there because of it."""
+EDGE_PX = 8.0
+"""So far beside the box of what moves its columns may end: no trace of it stands there."""
+NEIGHBOUR_SHARE = 0.1
+"""Columns that end alone, by so much of their range, say nothing."""
+COLUMN_SIGMA_PX = 0.25
+"""Noise of the disparity at which a column ends."""
+UNTOLD, MOVES, STANDS = range(3)
+"""What a track says of its motion."""
+SLOW_MPS = 0.5
+"""What is no faster stands."""
+SETTLED_S = 0.5
+"""A younger track's velocity is not known, whatever it says."""
+YOUNG_S = 0.8
+"""And a track older than this that still does not tell is no longer waited for."""
+SETTLED_DOUBT, YOUNG_DOUBT = 0.6, 0.85
+"""What may move or stand counts once so much of the hardest braking is needed if it does as it seems to."""
+CELL_M = 0.2
+MOST, SURE = 6, 3
+"""Evidence for a cell, at most `MOST`: one for each frame that saw something there, less one for each that did not."""
+AHEAD_M, BESIDE_M, BEHIND_M = 30.0, 10.0, 4.0
+"""What is further away is forgotten."""
+SPREAD_M, SPREAD = 0.6, 7
+"""Ends of columns that are off by more are not remembered; the others are spread over so many points."""
+FREE_SIGMAS, FREE_M = 2.0, 0.3
+"""Road seen so far behind a cell contradicts it."""
+CLOSING_MPS = 0.3
+"""What comes closer no faster never arrives."""
+AHEAD_S = 4.0
+"""What is further off does not count."""
+AT_SIDE_M = 0.2
+"""What is further behind the front is beside the car."""
+WARY_M, MOST_WARY_M = 0.3, 1.0
+"""A wary car gives what moves this much more room, and its sigma on top, but not more than the second."""
+LEAST_ROOM_M = 0.7
+"""Room before what it stops for, where it is too late for `stop_m`."""
+
+
+def weigh(
+    velocity_mps: Floats, cov_m2ps2: Floats, motion: Integers, age_s: Floats, has_velocity: Flags, is_mover: Flags
+) -> tuple[Floats, Floats, Floats]:
+    """Return how fast things are as far as it is known, (n, 2), its sigmas (n, 2), and how much is in doubt (n,).
+
+    The sigmas of what has no velocity are 0.
+
+    Parameters
+    ----------
+    velocity_mps, cov_m2ps2, motion, age_s
+        (n, 2), (n, 2, 2), (n,) and (n,) what their tracks say.
+    has_velocity
+        (n,) whether there is one over ground.
+    is_mover
+        (n,) whether it is known from before that it moves.
+    """
+    sigma = np.sqrt(cov_m2ps2[:, [0, 1], [0, 1]])
+    waits = np.where(age_s >= YOUNG_S, SETTLED_DOUBT, YOUNG_DOUBT)
+    counts = has_velocity & (motion != STANDS)
+    counts &= is_mover | (age_s >= SETTLED_S)
+    known = (motion == STANDS) | (counts & (is_mover | (motion == MOVES)))
+    sure = counts[:, None] & (np.abs(velocity_mps) > 2 * sigma)
+    return np.where(sure, velocity_mps, 0.0), np.where(has_velocity[:, None], sigma, 0.0), np.where(known, 0.0, waits)
+
+
+def among(numbers: Integers, others: Integers) -> Flags:
+    """Return (n,) which numbers are among some others."""
+    return np.isin(numbers, others)
+
+
+def place(u_px: Floats, z_m: Floats, twin: Floats, R: Floats) -> Floats:
+    """Return (n, 2) points of columns at forward distances."""
+    x = (u_px - twin[1]) / twin[0] * z_m - twin[3] / 2
+    return np.stack([x, z_m], -1) @ R.T
+
+
+def outline(
+    sides_px: Floats,
+    range_m: Floats,
+    size_m: Floats,
+    feet_m: Floats,
+    velocity_mps: Floats,
+    grid: Floats,
+    free_m: Floats,
+    is_blocked: Flags,
+    twin: Floats,
+    R: Floats,
+) -> tuple[Floats, Integers, Flags]:
+    """Return points (m, 2) along the faces of things, (m,) of which, and (c,) which columns end at what stands.
+
+    Its columns tell how a side runs, its range how near it comes; without columns its width does.
+
+    Parameters
+    ----------
+    sides_px, range_m, size_m, feet_m, velocity_mps
+        (n, 2) first and last column; (n,); (n, 2) width and length; (n, 2) middle of the foot; (n, 2).
+    grid, free_m, is_blocked
+        The free space, (c,); what is blocked has a range.
+    """
+    u = grid[0] + grid[1] * np.arange(len(free_m))
+    with np.errstate(invalid="ignore"):
+        near = np.abs(np.diff(free_m)) <= NEIGHBOUR_SHARE * np.minimum(free_m[1:], free_m[:-1])
+    near &= is_blocked[1:] & is_blocked[:-1]
+    ends = np.append(near, False) | np.insert(near, 0, False) if len(u) else is_blocked.copy()
+    points, owners = [np.zeros((0, 2))], [np.zeros(0, np.int64)]
+    for k in range(len(range_m)):
+        near_m = BESIDE_SHARE * range_m[k] + size_m[k, 1]
+        with np.errstate(invalid="ignore"):
+            mine = (u >= sides_px[k, 0]) & (u < sides_px[k, 1]) & (np.abs(free_m - range_m[k]) <= near_m)
+        if np.hypot(*velocity_mps[k]) > SLOW_MPS:
+            with np.errstate(invalid="ignore"):
+                beside = (u >= sides_px[k, 0] - EDGE_PX) & (u < sides_px[k, 1] + EDGE_PX)
+                ends &= ~(beside & (np.abs(free_m - range_m[k]) <= near_m))
+        if mine.sum() > 1:
+            at_m = place(u[mine], np.maximum(free_m[mine], range_m[k]), twin, R)
+        else:
+            count = max(2, int(np.ceil(size_m[k, 0] / FACE_STEP_M)) + 1)
+            aside = size_m[k, 0] * (np.arange(count) / (count - 1) - 0.5)
+            at_m = np.stack([np.full(count, feet_m[k, 0]), feet_m[k, 1] + aside], 1)
+        points.append(at_m)
+        owners.append(np.full(len(at_m), k))
+    return np.concatenate(points), np.concatenate(owners), ends
+
+
+def recall(
+    cells: Integers,
+    evidence: Integers,
+    own: Floats,
+    grid: Floats,
+    reach_m: Floats,
+    ends: Flags,
+    foot_m: float,
+    twin: Floats,
+    R: Floats,
+) -> tuple[Integers, Integers, Floats]:
+    """Return cells (k, 2) of the road that are remembered, the evidence for them, and points (m, 2) of the sure ones.
+
+    Parameters
+    ----------
+    cells, evidence
+        (n, 2) and (n,) as they were remembered before.
+    own
+        (4,) where the car is, and cosine and sine of where it heads; the points are seen from there.
+    grid, reach_m, ends
+        How far the road is seen in each column, (c,), and whether it ends there at something.
+    foot_m
+        What is nearer is below the picture; NaN where nobody knows.
+    """
+    scale = COLUMN_SIGMA_PX / (twin[0] * twin[3])
+    turn = np.array([[own[2], -own[3]], [own[3], own[2]]])
+    u, z = (grid[0] + grid[1] * np.arange(len(reach_m)))[ends], reach_m[ends]
+    u, z = (part[z * z * scale < SPREAD_M] for part in (u, z))
+    z = z + np.linspace(-1, 1, SPREAD)[:, None] * z * z * scale
+    here = place(np.tile(u, SPREAD), z.ravel(), twin, R)
+    new = np.unique(np.rint((here @ turn.T + own[:2]) / CELL_M).astype(np.int64), axis=0)
+    remembered = {(int(i), int(j)): int(n) for (i, j), n in zip(cells, evidence, strict=True)}
+    for i, j in new.tolist():
+        remembered[i, j] = min(remembered.get((i, j), 0) + 1, MOST)
+    kept, sure = {}, []
+    for (i, j), count in remembered.items():
+        at = (CELL_M * np.array([i, j]) - own[:2]) @ turn
+        if not (-BEHIND_M < at[0] < AHEAD_M and abs(at[1]) < BESIDE_M):
+            continue
+        x, z_m = at @ R
+        column = -1 if z_m <= 0 else ((x + twin[3] / 2) / z_m * twin[0] + twin[1] - grid[0]) / grid[1]
+        column = int(np.rint(np.clip(column, -1, len(reach_m))))
+        if 0 <= column < len(reach_m) and z_m > foot_m:
+            count -= bool(z_m + FREE_M + FREE_SIGMAS * scale * z_m * z_m < reach_m[column])
+        if count > 0:
+            kept[i, j] = count
+            if count >= SURE:
+                sure.append(at)
+    return (
+        np.array([*kept], np.int64).reshape(-1, 2),
+        np.array([*kept.values()], np.int64),
+        np.array(sure).reshape(-1, 2),
+    )
+
+
+def swept(way: Floats, length_m: float, x_m: Floats, car: Floats) -> tuple[Floats, Floats]:
+    """Return (n,) right and left end of what the car takes of the road at x (n,) on a way.
+
+    A way is `y(s) = sum(c_k s^k)` up to its length, and straight on behind; `way` (6,) are its coefficients.
+    """
+    c0, c1, c2, c3, c4, c5 = way
+    body = []
+    for reach in (car[0], 0.0, -car[1]):
+        s = x_m - reach
+        t = np.clip(s, 0, length_m)
+        slope = c1 + t * (2 * c2 + t * (3 * c3 + t * (4 * c4 + t * 5 * c5)))
+        body.append(c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5)))) + slope * (s - t + reach))
+    return np.min(body, axis=0) - car[2] / 2, np.max(body, axis=0) + car[2] / 2
+
+
+def contact(
+    way: Floats,
+    length_m: float,
+    at_m: Floats,
+    velocity_mps: Floats,
+    sigma_mps: Floats,
+    doubt: Floats,
+    speed_mps: float,
+    margin_m: float,
+    is_wary: bool,
+    is_strict: bool,
+    car: Floats,
+) -> tuple[int, float, float, bool]:
+    """Return what the car touches first on a way within `AHEAD_S`, after how long, how hard to brake, and if for sure.
+
+    The first is -1 if nothing is. What may move or stand must come into the way even if it goes a sigma slower. See
+    `stages.decide.contact`.
+
+    Parameters
+    ----------
+    way, length_m
+        As in `swept`.
+    at_m, velocity_mps, sigma_mps, doubt
+        (n, 2), (n, 2), (n, 2) and (n,) points of things, their velocities, and as in `weigh`.
+    speed_mps, margin_m
+        How fast the car is, and how much room it takes on each side.
+    is_wary, is_strict
+        Whether what moves gets the room by which its way may be mistaken; whether what moves is never in doubt.
+    """
+    front_m, rear_m = car[:2]
+    moves = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) > SLOW_MPS
+    doubt = np.where(moves & is_strict, 0.0, doubt)
+    gap_m, closing = at_m[:, 0] - front_m, speed_mps - velocity_mps[:, 0]
+    arrives = (closing > CLOSING_MPS) & (gap_m > -AT_SIDE_M)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ttc = np.where(arrives, np.maximum(gap_m, 0) / closing, np.inf)
+        passed = np.minimum(ttc + np.where(moves, (front_m + rear_m) / closing, 0.0), AHEAD_S)
+    arrives &= ttc < AHEAD_S
+    first = np.where(arrives, ttc, 0.0)
+    low, high = swept(way, length_m, at_m[:, 0] + velocity_mps[:, 0] * first, car)
+    aside = velocity_mps[:, 1]
+    slower = np.sign(aside) * np.maximum(np.abs(aside) - sigma_mps[:, 1], 0)
+    aside = np.where(doubt > 0, slower, aside)
+    one, other = (at_m[:, 1] + aside * np.where(arrives, t, 0.0) for t in (ttc, passed))
+    mistaken_m = np.minimum(WARY_M + sigma_mps[:, 1] * first, MOST_WARY_M)
+    room = margin_m + np.where(moves & is_wary, mistaken_m, 0.0)
+    hit = arrives & (np.minimum(one, other) < high + room) & (np.maximum(one, other) > low - room)
+    if not hit.any():
+        return -1, np.nan, np.nan, False
+    needed = np.where(hit, _needed_mps2(gap_m, speed_mps, velocity_mps[:, 0], car), 0.0)
+    counts = hit & (needed >= doubt * car[3])
+    of = counts if counts.any() else hit
+    index = int(np.argmin(np.where(of, ttc, np.inf)))
+    return index, float(ttc[index]), float(needed[of].max()), bool(counts.any())
+
+
+def _needed_mps2(gap_m: Floats, speed_mps: float, ahead_mps: Floats, car: Floats) -> Floats:
+    """Return (n,) how hard to brake to stay `stop_m` behind each, or as near as may be where that is too late.
+
+    What drives on ahead may at any moment brake as hard as the car itself can.
+    """
+    brake_mps2, brake_share, stop_m, delay_s = car[3:7]
+    closing = speed_mps - ahead_mps
+    left_m = gap_m - delay_s * closing
+    soft, hard = (_braked(closing, left_m - room) for room in (stop_m, LEAST_ROOM_M))
+    as_is = np.where(soft <= brake_mps2, soft, np.maximum(hard, brake_share * brake_mps2))
+    stops_m = gap_m + ahead_mps**2 / (2 * brake_mps2) - delay_s * speed_mps - LEAST_ROOM_M
+    return np.where(ahead_mps > 0, np.maximum(as_is, _braked(speed_mps, stops_m)), as_is)
+
+
+def _braked(speed_mps: Floats | float, way_m: Floats) -> Floats:
+    return np.asarray(np.square(speed_mps) / (2 * np.maximum(way_m, 1e-3)))
