@@ -1,8 +1,8 @@
 """Streets full of things of every type, for training and judging recognition: `street(seed, unseen)`.
 
-Each type comes in families of shapes (`recognition_shapes.py`, `recognition_more.py`). Training draws from `SEEN`, the
-judge from `UNSEEN`: other families altogether, at other seeds. Sizes and colours vary within a family, rigs and light
-from street to street.
+Each type comes in families of shapes (`recognition_shapes.py`, `recognition_more.py`). Training draws from `SEEN` and
+`LATER`, the judge from `UNSEEN`: other families altogether, at other seeds. Sizes and colours vary within a family,
+rigs and light from street to street.
 """
 
 import json
@@ -176,7 +176,7 @@ MORE: dict[str, tuple[Family, ...]] = {
     "vegetation": (bush, conifer, birch),
     "debris": (ordered("tyre", model="standing", length_m=between(0.6, 0.8)), barrel, sack),
 }
-EVEN_MORE: dict[str, tuple[Family, ...]] = {
+LATER: dict[str, tuple[Family, ...]] = {
     "person": (
         with_parcel,
         with_hand_truck,
@@ -197,7 +197,9 @@ EVEN_MORE: dict[str, tuple[Family, ...]] = {
     "vegetation": (poplar, thicket, grasses, acacia),
     "debris": (dustbin, heap, chair, any_box, stacked),
 }
-SEEN = {kind: families + MORE[kind] + EVEN_MORE[kind] for kind, families in SEEN.items()}
+SEEN = {kind: families + MORE[kind] for kind, families in SEEN.items()}
+FIRST_LATER = 1760
+"""Training streets from this seed on draw from `LATER`, those before it from `SEEN`."""
 UNSEEN: dict[str, tuple[Family, ...]] = {
     "person": (with_pram, with_board),
     "bicycle": (in_poncho, folding_bicycle),
@@ -249,9 +251,8 @@ def turned(kind: str, rng: Rng) -> float:
     return float(rng.uniform(0, 360))
 
 
-def drawn(kind: str, unseen: bool, rng: Rng) -> Thing:
-    """Draw a thing of a class; its colour is a name of `BODY`, its shade near that name's."""
-    families = (UNSEEN if unseen else SEEN)[kind]
+def drawn(families: tuple[Family, ...], rng: Rng) -> Thing:
+    """Draw a thing of some families; its colour is a name of `BODY`, its shade near that name's."""
     color = str(rng.choice(BODY))
     rgb = tuple(int(np.clip(c * rng.uniform(0.9, 1.1), 0, 255)) for c in COLORS[color])
     return families[rng.integers(len(families))](rng, color, rgb)  # type: ignore[arg-type]
@@ -260,6 +261,7 @@ def drawn(kind: str, unseen: bool, rng: Rng) -> Thing:
 def street(seed: int, unseen: bool, shadow: bool = False) -> Street:
     """Return a street with about nine things, none through another; in the `shadow` of a high wall, if wanted."""
     rng = np.random.default_rng([seed, 41, unseen])
+    families = UNSEEN if unseen else LATER if seed >= FIRST_LATER else SEEN
     road = Road(
         -rng.uniform(5, 10),
         rng.uniform(5, 10),
@@ -277,7 +279,7 @@ def street(seed: int, unseen: bool, shadow: bool = False) -> Street:
     kept: list[tuple[float, float, float, float]] = []
     things, classes = [], {}
     for kind in kinds:
-        thing = drawn(kind, unseen, rng)
+        thing = drawn(families[kind], rng)
         for _ in range(12):
             ahead = rng.uniform(5, 38) if kind != "wall" else rng.uniform(12, 40)
             left = rng.uniform(-2.5, 2.5) if kind == "fork" else rng.uniform(-1, 1) * min(reach * ahead, 11)
