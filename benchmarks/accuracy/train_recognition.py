@@ -47,8 +47,8 @@ Floats = NDArray[np.float64]
 FIRST, STREETS = 1000, 1500
 MOST, LEAST_SEEN = 0.6, 0.2
 """A region is a thing if that share of its cells on any is on this one, and that share of all its cells on one."""
-NETWORKS, HIDDEN, DECAY, STEPS, SEED = 3, 32, 2e-3, 250, 0
-NOSE, FLANK = 2.5, 0.4
+NETWORKS, HIDDEN, DECAY, STEPS, SEED = 2, 48, 3e-3, 250, 0
+NOSE, FLANK = 1.5, 0.3
 """What the nearest region of a fork weighs, and what the others do."""
 NOISE, LOOKS_NOISE = 0.4, 1.0
 """A third copy of each example differs from it so much, in standard deviations: real things look otherwise."""

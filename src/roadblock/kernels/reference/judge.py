@@ -22,7 +22,7 @@ LEAST_SHARE, SECOND_SHARE = 0.18, 0.25
 BLACK_L, WHITE_L = 32.0, 50.0
 """What is darker, and what is lighter, of what is grey."""
 
-LIMIT = 5.0
+LIMIT = 3.0
 """Inputs further from the mean than so many standard deviations count as that far."""
 
 EDGE_PX, ROW_PX, ROAD_M, WIDTH_SHARE, SIZE_SHARE = 1.6, 1.6, 0.04, 0.07, 0.025
