@@ -50,8 +50,9 @@ METHODS: dict[str, dict[str, Any]] = {
     "dense_bm": {"detector": "dense", "match": {"matcher": "bm", "block_px": 15}},
     "dense_region": {"detector": "dense", "match": {"matcher": "region", "block_px": 21}},
     "cells_refined": {"detector": "cells", "refine": {"level": "fast"}},
+    "cells_shape": {"detector": "cells", "refine": {"level": "shape"}},
 }
-"""What measures, and its settings: every detector, `dense` with its other matchers, and `cells` refined."""
+"""What measures, and its settings: every detector, `dense` with its other matchers, and `cells` refined twice."""
 FRAME_S = 0.1
 """From picture to picture: the one nearest to the marks is taken up to half of it before or behind them."""
 NOD_DEG = 0.2

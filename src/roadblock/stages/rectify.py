@@ -128,6 +128,7 @@ def rectify(pair: StereoPair, rectification: Rectification, raw_size_px: tuple[i
         lambda window: _sample(pair.left, (maps_left[0][window], maps_left[1][window])),
         lambda window: _sample(pair.right, (maps_right[0][window], maps_right[1][window])),
         half,
+        (left, right),
         *about,
     )
 

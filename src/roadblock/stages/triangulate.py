@@ -67,10 +67,11 @@ def locate_all(
     bounds = np.cumsum([0, *map(len, surfaces)]).astype(np.int32)
     figures, feet = np.empty((len(regions), 8)), np.empty((len(regions), FIGURES))
     kernels.measure_surfaces(np.concatenate(surfaces), bounds, r.numbers, road, NEAREST_FACE_PERCENT / 100, figures)
+    cut = np.ones(len(regions))
     for i, region in enumerate(regions):
         if region.refined is not None:
-            figures[i, 0] = r.f_px * r.baseline_m / region.refined.nearest_d_px
-    kernels.place_feet(figures, np.array(sigmas), r.numbers, road, vehicle_from_car(T_vehicle_car), feet)
+            figures[i, 0], cut[i] = r.f_px * r.baseline_m / region.refined.nearest_d_px, 0
+    kernels.place_feet(figures, np.array(sigmas), cut, r.numbers, road, vehicle_from_car(T_vehicle_car), feet)
     # What `Obstacle` checks of one, of all at once.
     positive("range_m", float(figures[:, 0].min()))
     positions_m = finite("position_m", feet[:, :3], (-1, 3))

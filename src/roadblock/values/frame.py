@@ -91,6 +91,8 @@ class RectifiedPair:
     half
         (left, right) grey 8 bit images of half the size, whose pixels are means of 2x2 full ones; None if nobody
         made them. What looks at half the resolution only never pays for the full one: see `deferred`.
+    raw
+        (left, right) grey 8 bit images that the rectification's maps sample; None where nobody has them.
     rectification
         The twin cameras they belong to.
     index, name, t_ns
@@ -115,6 +117,7 @@ class RectifiedPair:
         self._left, self._right = cache(lambda: left), cache(lambda: right)
         self._left_colors = cache(lambda width_px, height_px: _middles(self._part, width_px, height_px))
         self.half: tuple[Gray, Gray] | None = None
+        self.raw: tuple[Gray, Gray] | None = None
         self.rectification, self.index, self.name, self.t_ns = rectification, index, name, t_ns
 
     @classmethod
@@ -123,6 +126,7 @@ class RectifiedPair:
         left: Callable[[Window], Image],
         right: Callable[[Window], Image],
         half: tuple[Gray, Gray],
+        raw: tuple[Gray, Gray] | None,
         rectification: Rectification,
         index: int = 0,
         name: str = "0",
@@ -133,7 +137,7 @@ class RectifiedPair:
         pair._part = left
         pair._left, pair._right = cache(lambda: locked(left(WHOLE))), cache(lambda: locked(right(WHOLE)))
         pair._left_colors = cache(lambda width_px, height_px: _middles(left, width_px, height_px))
-        pair.half = half
+        pair.half, pair.raw = half, raw
         pair.rectification, pair.index, pair.name, pair.t_ns = rectification, index, name, t_ns
         return pair
 

@@ -222,6 +222,8 @@ class Refinement:
         Root mean square difference of both images in the region after the fit, grey levels.
     used
         Share of its pixels that the fit explains, 0..1.
+    down_px
+        By how much the right image was found to lie lower than the rig says, pixels; 0 where nobody looked.
 
     Raises
     ------
@@ -236,6 +238,7 @@ class Refinement:
     moved_px: float
     residual: float
     used: float
+    down_px: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("mean_d_px", "sigma_mean_d_px", "nearest_d_px", "sigma_nearest_d_px"):

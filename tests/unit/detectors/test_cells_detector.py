@@ -57,7 +57,7 @@ def test_of_a_pair_with_half_images_the_full_ones_are_never_made(name: str) -> N
     def refuse(window: Window) -> Image:
         raise AssertionError(f"the right image was asked for: {window}")
 
-    pair = RectifiedPair.deferred(middles, refuse, (halve(left), halve(right)), TWIN)
+    pair = RectifiedPair.deferred(middles, refuse, (halve(left), halve(right)), None, TWIN)
     found = make_detector(settings(name))(pair)
     is_wall(found, CELL_WIDTH_PX[name])
     full = make_detector(settings(name))(RectifiedPair(left, right, TWIN))

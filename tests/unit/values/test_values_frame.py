@@ -71,7 +71,7 @@ def test_a_deferred_pair_makes_its_full_images_once_and_when_looked_at() -> None
         made.append(side)
         return mine[side][window]
 
-    pair = RectifiedPair.deferred(partial(make, "left"), partial(make, "right"), half, TWIN, 4, "000004", 123)
+    pair = RectifiedPair.deferred(partial(make, "left"), partial(make, "right"), half, None, TWIN, 4, "000004", 123)
     assert (pair.index, pair.name, pair.t_ns, pair.rectification) == (4, "000004", 123, TWIN)
     assert pair.half == half
     assert made == []

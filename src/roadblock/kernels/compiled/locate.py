@@ -64,7 +64,7 @@ def measure_surfaces(uvd: Floats, bounds: Ints, twin: Floats, road: Floats, near
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def place_feet(
-    figures: Floats, sigmas_px: Floats, twin: Floats, road: Floats, T_vehicle_car: Floats, out: Floats
+    figures: Floats, sigmas_px: Floats, cut: Floats, twin: Floats, road: Floats, T_vehicle_car: Floats, out: Floats
 ) -> None:
     """See `reference.locate.place_feet`."""
     f, cx, _, baseline = twin
@@ -85,7 +85,7 @@ def place_feet(
         out[k, 6] = depth if is_seen and depth > SEEN_M else np.nan
         out[k, 7], out[k, 8], out[k, 9] = (x + baseline / 2) * scale + cx, v, d
         moved = DEPTH_PART * depth if is_seen else 0.0
-        cov[2] = sigmas_px[k] ** 2 + per_m**2 * (FACE_PART**2 * width * tall + moved**2)
+        cov[2] = sigmas_px[k] ** 2 + per_m**2 * cut[k] * (FACE_PART**2 * width * tall + moved**2)
         cov[0] = EDGE_PX**2 + ((WIDTH_PART * width) ** 2 + (HEIGHT_PART * tall) ** 2) * scale**2
         cov[1] = FOOT_PX**2 + (f * FOOT_RAD * z / (z + FOOT_FROM_M)) ** 2
         out[k, 3] = z / d * np.sqrt(cov[2])

@@ -8,13 +8,14 @@ from roadblock.kernels.reference.refine import (
     CORE_OF,
     CORE_PX,
     FIGURES,
+    FRONT_SHARE,
     FURTHEST_STEP_PX,
     GRADIENT_NOISE,
-    ITERATIONS,
     LEAST_ENERGY,
     LEAST_NOISE,
     LEAST_WEIGHT,
     MISFIT,
+    NEAREST_SHARE,
     PHASES,
     PRIOR_BLOCKS,
     RIM_PX,
@@ -113,7 +114,7 @@ def refine_region(left, right, box, uvd, planes, beside, lines, blocks, fir, mod
     if pixels == 0:
         return
     noise2 = 2 * model.noise * model.noise
-    coarse_px = nearest(d, count, target)
+    coarse_px = nearest(d, count, target, NEAREST_SHARE)
     inner, core = fill_template(left, box, step, mean, noise2, model, mask, lines, template, slope, weight)
     deepest = 0.0
     for k in range(n):
@@ -133,7 +134,7 @@ def refine_region(left, right, box, uvd, planes, beside, lines, blocks, fir, mod
     mean += moved
     gain, offset, scale2, last, used = model.gain, 0.0, -1.0, np.nan, 0.0
     residual2, relief = noise2, 0.0
-    for iteration in range(ITERATIONS):
+    for iteration in range(model.rounds):
         robust = eight(1 / (ROBUST * ROBUST * scale2)) if scale2 > 0 else eight(0.0)
         gains, offsets, one = eight(gain), eight(offset), eight(1.0)
         all_r, all_rr, all_e, all_er = eight(0.0), eight(0.0), eight(0.0), eight(0.0)
@@ -184,7 +185,7 @@ def refine_region(left, right, box, uvd, planes, beside, lines, blocks, fir, mod
         tie = max(model.slope * b * mean / model.f_px, 2e-3)
         mean = smooth(across, d, target, inform, count, mean, 1 / (tie * tie), relief)
         last = abs(mean - before)
-        if iteration > 0 and last < SETTLED_PX:
+        if iteration > 1 and last < SETTLED_PX:
             break
     summarize(d, target, inform, count, mean, relief, sums[3], sums[0], figures)
     figures[5], figures[6] = last, figures[0] - coarse_mean
@@ -237,14 +238,14 @@ def paint(uvd, box, b, step, across, mask, d, count):  # type: ignore[no-untyped
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def nearest(d, count, scratch):  # type: ignore[no-untyped-def]
-    """Return the disparity that a tenth of the pixels reach or exceed."""
+def nearest(d, count, scratch, share):  # type: ignore[no-untyped-def]
+    """Return the disparity that this share of the pixels reach or exceed."""
     pixels = 0.0
     for k in range(len(d)):
         pixels += count[k]
         scratch[k] = d[k] if count[k] > 0 else -1.0
     seen, value = 0.0, 0.0
-    while seen < 0.1 * pixels:
+    while seen < share * pixels:
         best = 0
         for k in range(len(d)):
             if scratch[k] > scratch[best]:
@@ -308,7 +309,7 @@ def fill_template(left, box, step, mean, noise2, model, mask, lines, template, s
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def search(template, mask, other, seen, origin, step, b, across, d, count):  # type: ignore[no-untyped-def]
-    """Return by how many whole pixels the region fits best, -SEARCH_PX..SEARCH_PX."""
+    """Return by how many whole pixels every other row fits best, -SEARCH_PX..SEARCH_PX."""
     best, least, rows = 0, np.float64(np.inf), len(mask)
     most = eight(WORST_PX)
     for shift in range(-SEARCH_PX, SEARCH_PX + 1):
@@ -318,7 +319,8 @@ def search(template, mask, other, seen, origin, step, b, across, d, count):  # t
                 continue
             i, c = k // across, k % across
             to = origin - int(np.floor(d[k] + 0.5)) - shift
-            for y in range((i * 2 * b + step - 1) // step, min((2 * b * (i + 1) + step - 1) // step, rows)):
+            top = (i * 2 * b + step - 1) // step
+            for y in range(top + top % 2, min((2 * b * (i + 1) + step - 1) // step, rows), 2):
                 for x in range(c * b, c * b + b, 8):
                     w = load_reals(mask, y, MARGIN + x) * load_reals(seen, 0, to + x - TAPS // 2)
                     e = load_reals(template, y, MARGIN + x) - load_reals(other, y, to + x)
@@ -402,7 +404,7 @@ def smooth(across, d, target, inform, count, mean, tie, relief):  # type: ignore
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def summarize(d, target, inform, count, mean, relief, worse, scratch, figures):  # type: ignore[no-untyped-def]
-    """Fill in mean_px, nearest_px, scatter_px, noise_px and unseen_px."""
+    """Fill in mean_px, nearest_px, scatter_px, noise_px, unseen_px, front_px and front_unseen_px."""
     pixels, depth, sure, scatter, noise, unseen = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(d)):
         if count[k] > 0:
@@ -416,9 +418,22 @@ def summarize(d, target, inform, count, mean, relief, worse, scratch, figures): 
             noise += weight * weight / inform[k] * worse[k]
     figures[0] = pixels / depth
     unseen = relief * np.sqrt(unseen / pixels)
-    front = nearest(d, count, scratch)
-    figures[1] = figures[0] + np.sqrt(max(front - figures[0], 0.0) ** 2 + (TENTH * unseen) ** 2)
+    front = nearest(d, count, scratch, NEAREST_SHARE)
     figures[2], figures[3], figures[4] = np.sqrt(scatter) / sure, np.sqrt(noise) / sure, unseen
+    least = nearest(d, count, scratch, FRONT_SHARE)
+    pixels, sure, scatter, noise, unseen = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(len(d)):
+        if count[k] > 0 and d[k] >= least:
+            pixels += count[k]
+            unseen += count[k] / (1 + inform[k] * relief * relief)
+            if inform[k] > 0:
+                weight = inform[k] / (1 + inform[k] * relief * relief)
+                sure += weight
+                scatter += (weight * (target[k] - d[k])) ** 2
+                noise += weight * weight / inform[k] * worse[k]
+    figures[13] = np.sqrt(max(scatter, noise)) / sure if sure > 0 else relief
+    figures[14] = relief * np.sqrt(unseen / pixels)
+    figures[1] = figures[0] + np.sqrt(max(front - figures[0], 0.0) ** 2 + (TENTH * figures[14]) ** 2)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

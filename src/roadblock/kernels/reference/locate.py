@@ -66,7 +66,7 @@ def measure_surfaces(uvd: Floats, bounds: Ints, twin: Floats, road: Floats, near
 
 
 def place_feet(
-    figures: Floats, sigmas_px: Floats, twin: Floats, road: Floats, T_vehicle_car: Floats, out: Floats
+    figures: Floats, sigmas_px: Floats, cut: Floats, twin: Floats, road: Floats, T_vehicle_car: Floats, out: Floats
 ) -> None:
     """Write the foot point of each nearest face, and what the noise of its measurement does to it.
 
@@ -76,6 +76,8 @@ def place_feet(
         (n, 8) of `measure_surfaces`.
     sigmas_px
         (n,) standard deviation of the disparity of each nearest face, pixels.
+    cut
+        (n,) 1 where what the detector takes along or leaves out (`FACE_PART`, `DEPTH_PART`) is not in it yet, else 0.
     twin, road
         See the module. Without a road, the lowest sample is the foot.
     T_vehicle_car
@@ -98,7 +100,8 @@ def place_feet(
     out[:, 6] = np.where(is_seen & (depth > SEEN_M), depth, np.nan)
     u, d = (x + baseline / 2) * scale + cx, baseline * scale
     out[:, 7], out[:, 8], out[:, 9] = u, v, d
-    sigma_d = np.hypot(sigmas_px, per_m * np.hypot(FACE_PART * np.sqrt(width * tall), is_seen * DEPTH_PART * depth))
+    moved = cut * np.hypot(FACE_PART * np.sqrt(width * tall), is_seen * DEPTH_PART * depth)
+    sigma_d = np.hypot(sigmas_px, per_m * moved)
     out[:, 3] = z / d * sigma_d
     cov_uvd = np.zeros((len(z), 3, 3))
     cov_uvd[:, 0, 0] = EDGE_PX**2 + ((WIDTH_PART * width) ** 2 + (HEIGHT_PART * tall) ** 2) * scale**2

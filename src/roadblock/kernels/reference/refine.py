@@ -20,8 +20,8 @@ BLOCK_PX = 8
 """Blocks are so wide and twice as high, and both are doubled, tripled ... until a region has no more than its `Model`
 allows."""
 
-ITERATIONS, SWEEPS, SEARCH_PX, FURTHEST_STEP_PX = 5, 4, 2, 0.7
-"""Of Gauss-Newton, of Gauss-Seidel within each, the integer search's reach, and a block's longest step."""
+SWEEPS, SEARCH_PX, FURTHEST_STEP_PX = 4, 2, 0.7
+"""Of Gauss-Seidel within each round of Gauss-Newton, the integer search's reach, and a block's longest step."""
 
 SETTLED_PX = 2e-3
 """Iterations end when the mean moves by less."""
@@ -49,8 +49,11 @@ GRADIENT_NOISE = 0.903
 LEAST_ENERGY = 1e-3
 """Of a block's gradients this share is never noise, so that every block has a say, however small."""
 
-TENTH = 1.2816
-"""The nearest tenth of a Gaussian lies so many standard deviations off its mean."""
+NEAREST_SHARE, TENTH = 0.1, 1.2816
+"""So large a share of the pixels is the nearest face; a Gaussian's lies so many standard deviations off its mean."""
+
+FRONT_SHARE = 0.3
+"""How sure the nearest face is shows in the nearest blocks, which have this share of the pixels."""
 
 PRIOR_BLOCKS = 2.0
 """The usual relief counts as much as so many well-measured blocks."""
@@ -72,6 +75,8 @@ FIGURES = (
     "inner",
     "core",
     "coarse_px",
+    "front_px",
+    "front_unseen_px",
 )
 """What a region comes to, in the order of the kernel's columns:
 
@@ -99,6 +104,10 @@ core
     Share of the slopes' energy that is surely no noise and lies CORE_PX inside of the outline: the thing's own.
 coarse_px
     Disparity of the nearest face as the detector saw it, pixels.
+front_px
+    Standard deviation of the mean of the nearest part (FRONT_SHARE), as the blocks' scatter and the residuals say.
+front_unseen_px
+    How far its parts lie from that beyond what the fit could resolve (standard deviation).
 """
 
 
@@ -122,20 +131,23 @@ class Model(NamedTuple):
         How far its outline lies behind its mean surface, and how far what is behind it pulls the outline.
     most_blocks, many_pixels
         A region is cut into no more blocks; of one of n times so many pixels every sqrt(n)th row is looked at.
+    rounds
+        Of Gauss-Newton, at most.
     """
 
     f_px: float
     f_baseline: float
     noise: float
     gain: float
-    slope: float = 1.0
-    relief_m: float = 0.05
-    relief_share: float = 0.2
+    slope: float = 3.0
+    relief_m: float = 0.03
+    relief_share: float = 0.15
     relief_most_m: float = 1.0
     rim_m: float = 0.0
     rim_px: float = 0.01
     most_blocks: int = 256
     many_pixels: int = 1024
+    rounds: int = 5
 
 
 def interpolation() -> NDArray[np.float32]:
@@ -234,17 +246,18 @@ def refine_region(
         return nothing
     mean = float(coarse[v, u][there].mean())
     blocks = start_blocks(coarse, of_cell - np.array([v0, u0]), v[there], u[there], side, mean)
-    coarse_px = nearest(blocks.d, blocks.count)
+    coarse_px = nearest(blocks.d, blocks.count, NEAREST_SHARE)
     deepest = float(np.sqrt(np.average((blocks.d - mean) ** 2, weights=blocks.count)))
     template, slope, weight, inner, core = template_of(left, u0, v0, coarse, u, v, step, mean, model)
     keep = there & (u + u0 >= 2) & (u + u0 < left.shape[1] - 2) & (blocks.count[v // (2 * side), u // side] > 0)
     u, v, template, slope, weight = u[keep], v[keep], template[keep], slope[keep], weight[keep]
     of = (v // (2 * side), u // side)
-    moved = search(template, right, u + u0, v + v0, blocks.d[of])
+    other = v % (2 * step) == 0
+    moved = search(template[other], right, (u + u0)[other], (v + v0)[other], blocks.d[of][other])
     blocks.d += moved
     coarse_mean, mean = mean, mean + moved
     gain, offset, residual2, noise2 = model.gain, 0.0, -1.0, 2 * model.noise**2
-    for iteration in range(ITERATIONS):
+    for iteration in range(model.rounds):
         seen, r = sampled(right, u + u0, v + v0, blocks.d[of])
         e = template - gain * r - offset
         w = weight * seen
@@ -264,11 +277,10 @@ def refine_region(
             return nothing
         before, relief = mean, seen_relief(blocks, mean, deepest, model)
         mean = smooth(blocks, mean, relief, model)
-        if iteration > 0 and abs(mean - before) < SETTLED_PX:
+        if iteration > 1 and abs(mean - before) < SETTLED_PX:
             break
-    unseen, figures = summarize(blocks, mean, relief)
+    figures, front = summarize(blocks, mean, relief)
     measured = [
-        unseen,
         abs(mean - before),
         figures[0] - coarse_mean,
         np.sqrt(residual2),
@@ -277,6 +289,7 @@ def refine_region(
         inner,
         core,
         coarse_px,
+        *front,
     ]
     return np.array([*figures, *measured])
 
@@ -336,7 +349,7 @@ def template_of(
 
 
 def search(template: Floats, right: Gray, x: NDArray[np.int64], y: NDArray[np.int64], d: Floats) -> int:
-    """Return by how many whole pixels the region fits best, -SEARCH_PX..SEARCH_PX."""
+    """Return by how many whole pixels these pixels fit best, -SEARCH_PX..SEARCH_PX."""
     costs = {}
     for shift in range(-SEARCH_PX, SEARCH_PX + 1):
         there = x - np.floor(d + 0.5).astype(int) - shift
@@ -426,24 +439,41 @@ def smooth(blocks: Blocks, mean: float, relief: float, model: Model) -> float:
     return mean
 
 
-def nearest(d: Floats, count: Floats) -> float:
-    """Return the disparity that a tenth of the pixels reach or exceed."""
+def nearest(d: Floats, count: Floats, share: float) -> float:
+    """Return the disparity that this share of the pixels reach or exceed."""
     there = count > 0
     order = np.argsort(-d[there], kind="stable")
-    return float(d[there][order][np.argmax(np.cumsum(count[there][order]) >= 0.1 * count.sum())])
+    return float(d[there][order][np.argmax(np.cumsum(count[there][order]) >= share * count.sum())])
 
 
-def summarize(blocks: Blocks, mean: float, relief: float) -> tuple[float, list[float]]:
-    """Return unseen_px, and mean_px, nearest_px, scatter_px and noise_px."""
+def summarize(blocks: Blocks, mean: float, relief: float) -> tuple[list[float], list[float]]:
+    """Return mean_px, nearest_px, scatter_px, noise_px and unseen_px; and front_px and front_unseen_px."""
     there, known = blocks.count > 0, blocks.inform > 0
     count, d = blocks.count[there], blocks.d[there]
     middle = float(count.sum() / (count / np.maximum(d, 0.05)).sum())
     unseen = relief * float(np.sqrt((count / (1 + blocks.inform[there] * relief**2)).sum() / count.sum()))
-    front = middle + float(np.hypot(max(nearest(blocks.d, blocks.count) - middle, 0.0), TENTH * unseen))
+    front, front_unseen = summarize_front(blocks, relief)
+    face = max(nearest(blocks.d, blocks.count, NEAREST_SHARE) - middle, 0.0)
+    near = middle + float(np.hypot(face, TENTH * front_unseen))
     weight = 1 / (1 / blocks.inform[known] + relief**2)
     scatter = float(np.sqrt(((weight * (blocks.target[known] - mean)) ** 2).sum()) / weight.sum())
     noise = float(np.sqrt((weight**2 / blocks.inform[known] * blocks.worse[known]).sum()) / weight.sum())
-    return unseen, [middle, front, scatter, noise]
+    return [middle, near, scatter, noise, unseen], [front, front_unseen]
+
+
+def summarize_front(blocks: Blocks, relief: float) -> tuple[float, float]:
+    """Return front_px and front_unseen_px."""
+    front = (blocks.count > 0) & (blocks.d >= nearest(blocks.d, blocks.count, FRONT_SHARE))
+    known = front & (blocks.inform > 0)
+    unseen = relief * float(
+        np.sqrt(np.average(1 / (1 + blocks.inform[front] * relief**2), weights=blocks.count[front]))
+    )
+    if not known.any():
+        return relief, unseen
+    weight = 1 / (1 / blocks.inform[known] + relief**2)
+    scatter2 = ((weight * (blocks.target - blocks.d)[known]) ** 2).sum()
+    noise2 = (weight**2 / blocks.inform[known] * blocks.worse[known]).sum()
+    return float(np.sqrt(max(scatter2, noise2)) / weight.sum()), unseen
 
 
 def survey(left: Gray, right: Gray) -> tuple[float, float]:

@@ -1,41 +1,40 @@
 """Measure each region's disparity over all of its pixels, and say how sure that is."""
 
-import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from roadblock.kernels.compiled.refine import refine_regions, survey
 from roadblock.kernels.reference.refine import FIGURES, Model
+from roadblock.stages.refine.fine import refine_finely
 from roadblock.stages.refine.settings import RefineSettings
-from roadblock.values.frame import Image, RectifiedPair
+from roadblock.stages.refine.views import quick_views, raw_sides
+from roadblock.values.checks import FloatArray, unchecked
+from roadblock.values.frame import RectifiedPair
 from roadblock.values.scene import Refinement, Region
-
-Gray = NDArray[np.uint8]
-
-LEVELS: dict[str, dict[str, int]] = {"fast": {}, "shape": {"most_blocks": 4096, "many_pixels": 1 << 30}}
-"""How finely a region is looked at."""
 
 SETTLED_PX, FARTHEST_PX, LEAST_USED, LEAST_PIXELS, LEAST_INNER = 0.05, 3.0, 0.3, 24, 0.1
 """A fit counts whose last step was no larger, which ended no farther from the coarse disparity, and that explains this
 share of its pixels, of which there are at least so many and this share inside the outline: what is two pixels wide
 is seen mixed with what is behind it everywhere."""
 
-CONTRADICTS = 3.0
+CONTRADICTS = 2.5
 """The nearest face is no more than so many of the detector's standard deviations from where that saw it."""
 
 MEAN_SPREAD, MEAN_UNSEEN = 0.9, 0.45
-NEAREST_SPREAD, NEAREST_UNSEEN = 1.3, 0.65
+NEAREST_SPREAD, NEAREST_UNSEEN = 1.0, 1.0
 FLOOR_PX, NEAREST_M = 0.006, 0.02
-"""What the blocks' scatter and the relief that the fit could not resolve do to the mean and to the nearest face; and
-what is left: of both, pixels; and of the nearest face, of which a detector misses the lowest part, metres."""
+"""What the blocks' scatter and the relief that the fit could not resolve do to the mean, and those of the nearest part
+to the nearest face; and what is left: of both, pixels; and of the nearest face, of which a detector misses the lowest
+part, metres."""
 
-OWN_LOOKS, DOUBT = 0.05, 0.4
-"""Where less than this share of the energy is surely the thing's own, the fit may be that of the background around it:
-then it is unsure by so much of how far it moved from what the detector saw, or of that one's standard deviation."""
+OWN_LOOKS, MISFIT, DOUBT = 0.05, 5.0, 0.4
+"""Where less than this share of the energy is surely the thing's own, or the two images differ by more than so many
+times the noise, the fit may be that of the background around it, or of what hides it: then it is unsure by so much of
+how far it moved from what the detector saw, or of that one's standard deviation."""
+
+FIT = tuple(field.name for field in fields(Refinement))
 
 
 def refine(pair: RectifiedPair, regions: Sequence[Region], settings: RefineSettings) -> tuple[Region, ...]:
@@ -57,49 +56,57 @@ def refine(pair: RectifiedPair, regions: Sequence[Region], settings: RefineSetti
     """
     if settings.level == "off" or not regions:
         return tuple(regions)
-    left, right, r = to_gray8(pair.left), to_gray8(pair.right), pair.rectification
-    surfaces = [region.surface_uvd_px for region in regions]
-    first = np.cumsum([0, *map(len, surfaces)])
-    model = Model(r.f_px, r.f_px * r.baseline_m, *survey(left, right), **LEVELS[settings.level])
-    figures = refine_regions(left, right, first, np.concatenate(surfaces), model)
+    surfaces, r = [region.surface_uvd_px for region in regions], pair.rectification
+    first, uvd, numbers = np.cumsum([0, *map(len, surfaces)]), np.concatenate(surfaces), (r.f_px, r.f_px * r.baseline_m)
+    if settings.level == "shape":
+        figures, down_px, model = refine_finely(pair, first, uvd, numbers)
+    else:
+        model, down_px = Model(*numbers, *survey(*raw_sides(pair))), np.zeros(len(regions))
+        figures = refine_regions(*quick_views(pair, first, uvd), first, uvd, model)
+    fits = judged(figures, np.array([region.sigma_d_px for region in regions]), down_px, model)
     return tuple(
-        replace(region, refined=judged(row, region, model.f_baseline))
-        for region, row in zip(regions, figures.tolist(), strict=True)
+        region if fit is None else unchecked(Region, **(vars(region) | {"refined": fit}))
+        for region, fit in zip(regions, fits, strict=True)
     )
 
 
-def to_gray8(image: Image) -> Gray:
-    """Return an image as 8-bit grey."""
-    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
-    return np.ascontiguousarray(gray if gray.dtype == np.uint8 else (gray // 256).astype(np.uint8))
+def judged(
+    figures: FloatArray, coarse_px: FloatArray, down_px: FloatArray, model: Model
+) -> Iterator[Refinement | None]:
+    """Yield what each fit is worth; None where it is no better than what the detector knew, or contradicts it.
 
-
-def judged(figures: Sequence[float], region: Region, f_baseline: float) -> Refinement | None:
-    """Return what a fit is worth; None where it is no better than what the detector knew, or contradicts it."""
-    f = dict(zip(FIGURES, figures, strict=True))
-    converged = (
-        f["step_px"] <= SETTLED_PX
-        and abs(f["moved_px"]) <= FARTHEST_PX
-        and f["used"] >= LEAST_USED
-        and f["pixels"] >= LEAST_PIXELS
-        and f["inner"] >= LEAST_INNER
-        and min(f["mean_px"], f["nearest_px"]) > 0
-    )
-    if not converged:
-        return None
-    sigma_mean, sigma_nearest = sigmas(f, f_baseline, region.sigma_d_px)
-    if sigma_nearest >= region.sigma_d_px or abs(f["nearest_px"] - f["coarse_px"]) > CONTRADICTS * region.sigma_d_px:
-        return None
-    return Refinement(f["mean_px"], sigma_mean, f["nearest_px"], sigma_nearest, f["moved_px"], f["residual"], f["used"])
-
-
-def sigmas(f: dict[str, float], f_baseline: float, coarse_px: float) -> tuple[float, float]:
-    """Return one standard deviation of mean_px and of nearest_px, pixels.
-
-    The factors were chosen once, on exact masks of simulated streets (docs/refinement.md).
+    Parameters
+    ----------
+    figures
+        (n, len(FIGURES)) of the fits; NaN where there is none.
+    coarse_px
+        (n,) standard deviations of the detector's disparities, pixels.
+    down_px
+        (n,) by how much lower the right image lies, pixels.
+    model
+        See `Model`.
     """
-    spread, unseen = max(f["scatter_px"], f["noise_px"]), f["unseen_px"]
-    doubt = math.sqrt(max(1 - f["core"] / OWN_LOOKS, 0)) * DOUBT * max(abs(f["moved_px"]), coarse_px)
-    mean = math.hypot(MEAN_SPREAD * spread, MEAN_UNSEEN * unseen, FLOOR_PX, doubt)
-    edge = NEAREST_M * f["mean_px"] ** 2 / f_baseline
-    return mean, math.hypot(NEAREST_SPREAD * spread, NEAREST_UNSEEN * unseen, FLOOR_PX, doubt, edge)
+    f = dict(zip(FIGURES, figures.T, strict=True))
+    sigma_mean, sigma_nearest = sigmas(f, coarse_px, model)
+    counts = (f["step_px"] <= SETTLED_PX) & (np.abs(f["moved_px"]) <= FARTHEST_PX) & (f["used"] >= LEAST_USED)
+    counts &= (f["pixels"] >= LEAST_PIXELS) & (f["inner"] >= LEAST_INNER) & (sigma_nearest < coarse_px)
+    counts &= (np.minimum(f["mean_px"], f["nearest_px"]) > 0) & (sigma_mean > 0)
+    counts &= np.abs(f["nearest_px"] - f["coarse_px"]) <= CONTRADICTS * coarse_px
+    fits = (f["mean_px"], sigma_mean, f["nearest_px"], sigma_nearest, f["moved_px"], f["residual"], f["used"], down_px)
+    for is_better, fit in zip(counts.tolist(), np.stack(fits, 1).tolist(), strict=True):
+        yield unchecked(Refinement, **dict(zip(FIT, fit, strict=True))) if is_better else None
+
+
+def sigmas(f: Mapping[str, FloatArray], coarse_px: FloatArray, model: Model) -> tuple[FloatArray, FloatArray]:
+    """Return one standard deviation of mean_px and of nearest_px, (n,) each, pixels.
+
+    The factors were chosen once, on simulated streets (docs/refinement.md).
+    """
+    with np.errstate(divide="ignore"):
+        misfit = 1 - (MISFIT * model.noise / f["residual"]) ** 2
+    doubt = np.maximum(np.maximum(1 - f["core"] / OWN_LOOKS, misfit), 0.0)
+    all2 = FLOOR_PX**2 + doubt * (DOUBT * np.maximum(np.abs(f["moved_px"]), coarse_px)) ** 2
+    edge2 = (NEAREST_M * f["mean_px"] ** 2 / model.f_baseline) ** 2
+    mean2 = (MEAN_SPREAD * np.maximum(f["scatter_px"], f["noise_px"])) ** 2 + (MEAN_UNSEEN * f["unseen_px"]) ** 2
+    nearest2 = (NEAREST_SPREAD * f["front_px"]) ** 2 + (NEAREST_UNSEEN * f["front_unseen_px"]) ** 2 + edge2
+    return np.sqrt(mean2 + all2), np.sqrt(nearest2 + all2)

@@ -1,0 +1,61 @@
+"""The rectified images of a pair as far as regions need them, from the raw ones where these are there."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from roadblock.kernels.gray import gray8
+from roadblock.values.checks import FloatArray
+from roadblock.values.frame import Gray, RectifiedPair
+
+Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
+Box = tuple[slice, slice]
+
+MARGIN_PX = 24
+"""So far around a region is looked."""
+
+
+def raw_sides(pair: RectifiedPair) -> tuple[Gray, Gray]:
+    """Return the raw images, grey; where nobody has them, the rectified ones are."""
+    return pair.raw or gray8(pair.left, pair.right)
+
+
+def quick_views(pair: RectifiedPair, first: NDArray[np.int64], uvd: FloatArray) -> tuple[Gray, Gray]:
+    """Return both rectified images, filled in where the regions are."""
+    r = pair.rectification
+    if pair.raw is None or r.maps_left is None or r.maps_right is None:
+        return raw_sides(pair)
+    views = []
+    for raw, maps, boxes in zip(pair.raw, (r.maps_left, r.maps_right), windows(first, uvd, r.size_px), strict=True):
+        views.append(painted(boxes, r.size_px, partial(bilinear, raw, maps)))
+    return views[0], views[1]
+
+
+def bilinear(raw: Gray, maps: Maps, box: Box) -> Gray:
+    """Return a part of a rectified image."""
+    return np.asarray(cv2.remap(raw, maps[0][box], maps[1][box], cv2.INTER_LINEAR), np.uint8)
+
+
+def windows(first: NDArray[np.int64], uvd: FloatArray, size_px: tuple[int, int]) -> tuple[Sequence[Box], Sequence[Box]]:
+    """Return the rows and columns of the left and of the right image that each region needs."""
+    sides: tuple[list[Box], list[Box]] = [], []
+    for a, b in pairwise(first):
+        (u1, v1, near), (u0, v0, far) = uvd[a:b].max(0), uvd[a:b].min(0)
+        rows = slice(max(int(v0) - MARGIN_PX, 0), min(int(v1) + MARGIN_PX, size_px[1]))
+        for boxes, low, high in zip(sides, (u0, u0 - near), (u1, u1 - far), strict=True):
+            columns = slice(max(int(low) - MARGIN_PX, 0), max(min(int(high) + MARGIN_PX, size_px[0]), 0))
+            boxes.append((rows, columns))
+    return sides
+
+
+def painted(boxes: Sequence[Box], size_px: tuple[int, int], fill: Callable[[Box], Gray]) -> Gray:
+    """Return an image of which the boxes alone are filled in."""
+    image = np.zeros(size_px[::-1], np.uint8)
+    for box in boxes:
+        if image[box].size:
+            image[box] = fill(box)
+    return image
