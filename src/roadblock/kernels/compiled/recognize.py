@@ -257,7 +257,7 @@ def describe_things(
     scratch, some, across = np.empty(CELLS), np.empty((5, CELLS)), np.empty(CELLS_WIDE * PATCH_STEP, np.int64)
     boxes, near, box = np.empty((things, 4)), np.empty(things), np.empty(4)
     for k in range(things):
-        begin, count = np.int64(bounds[k]), np.int64(bounds[k + 1] - bounds[k])
+        begin, count = int(bounds[k]), int(bounds[k + 1] - bounds[k])
         n = min(count, CELLS)
         u0, u1, v0, v1, lowest = np.inf, -np.inf, np.inf, -np.inf, -np.inf
         for s in range(n):
@@ -306,7 +306,7 @@ def pick_colors(
     rows, columns = colors.shape[:2]
     own = samples.shape[1] - BACKGROUND
     for k in range(len(samples)):
-        a, n = np.int64(bounds[k]), np.int64(bounds[k + 1] - bounds[k])
+        a, n = int(bounds[k]), int(bounds[k + 1] - bounds[k])
         left, right = columns - 1, 0
         end, middle = a, 0.0
         for s in range(own):
@@ -423,9 +423,9 @@ def edge_near(half: Gray, row: int, cells_end: float, way: int, inward: float, s
     best, at, likely = EDGE_LEVELS * (below - above + 1), -1, cells_end + way * min(LIKELY_PX / 2, inward)
     seen = half[above : below + 1, first - 1 : last + 2]
     for k in range(seen.shape[1] - 2):
-        step = 0
+        step = 0.0
         for y in range(seen.shape[0]):
-            step += abs(np.int32(seen[y, k + 2]) - np.int32(seen[y, k]))
+            step += abs(float(seen[y, k + 2]) - float(seen[y, k]))
         scratch[k] = step
         far = 1 + UNLIKELY * abs(first + k - likely)
         if step > best * far:
@@ -460,7 +460,7 @@ def least_but(values: Floats, strays: int, sign: int) -> float:
         for k in range(strays + 1):
             if rest < least[k]:
                 least[k], rest = rest, least[k]
-    return least[strays]
+    return float(least[strays])
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -581,7 +581,7 @@ ALONG = np.sin(np.arange(HEADINGS) * (np.pi / 2) / HEADINGS).astype(np.float32)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def turn_places(x: Singles, z: Singles, c: float, s: float, along: Units, across: Units) -> None:
+def turn_places(x: Singles, z: Singles, c: np.float32, s: np.float32, along: Units, across: Units) -> None:
     """Write where places are along and across a direction whose cosine and sine are given, units."""
     for i in range(len(x)):
         along[i] = np.int32(c * z[i] + s * x[i]) * np.int32(TELL) + np.int32(i)
@@ -616,7 +616,7 @@ def misfit(along: Units, across: Units, front: np.float32, side: np.float32, per
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def turned(
-    x: Singles, z: Singles, per_unit: Singles, c: float, s: float, along: Units, across: Units, out: Floats
+    x: Singles, z: Singles, per_unit: Singles, c: np.float32, s: np.float32, along: Units, across: Units, out: Floats
 ) -> float:
     """See `reference.recognize.turned`; `out` (4,) is the extent, `along` and `across` are overwritten."""
     turn_places(x, z, c, s, along, across)
@@ -654,7 +654,7 @@ def outline_things(uvd: Floats, bounds: NDArray[np.int32], twin: Floats, sigma_p
     x, z, per_unit = np.empty(POINTS, np.float32), np.empty(POINTS, np.float32), np.empty(POINTS, np.float32)
     along, across = np.empty(POINTS, np.int32), np.empty(POINTS, np.int32)
     for k in range(len(bounds) - 1):
-        a, n = np.int64(bounds[k]), np.int64(bounds[k + 1] - bounds[k])
+        a, n = int(bounds[k]), int(bounds[k + 1] - bounds[k])
         count = min(n, POINTS)
         for s in range(count):
             i = a + (s * n // count if count < n else s)

@@ -69,7 +69,8 @@ class TypeModel:
     def probabilities(self, inputs: FloatArray) -> FloatArray:
         """Return (n, classes) the probability of each class, given (n, INPUTS) what was measured."""
         odds = np.empty((len(inputs), len(self.output_bias)))
-        judge_types(inputs, *self._numbers, odds)
+        mean, per_spread, hidden, hidden_bias, output, output_bias = self._numbers
+        judge_types(inputs, mean, per_spread, hidden, hidden_bias, output, output_bias, odds)
         return odds
 
 
