@@ -11,7 +11,7 @@ class RefineSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     level: Literal["shape", "fast", "off"] = Field(
-        "off", description="fast: least squares over a region; shape: of all its pixels, finer; off: as detected."
+        "off", description="fast: least squares over a region; shape: finer, on the raw images, slow; off: as detected."
     )
 
     @field_validator("level", mode="before")
