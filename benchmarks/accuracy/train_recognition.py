@@ -1,14 +1,17 @@
 """Train the model of types: `python benchmarks/accuracy/train_recognition.py [--streets N] [--pictures DIR]`.
 
-Simulated streets of `recognition_world.py` (seeds from `FIRST` on, families `SEEN`) go through the `cells` detector.
-Each region is one example: its class is that of the thing most of its cells see, "unknown" where no thing has
-`MOST` of them. Mirror images and disturbed copies count too. Every fifth street is kept from training; temperature (so
-that probabilities are as often right as they say) is fitted on these. The result replaces
+Simulated streets of `recognition_world.py` (seeds from `FIRST` on, families `SEEN`, then `LATER`) go through the
+`cells` detector. Each region is one example: its class is that of the thing most of its cells see, "unknown" where no
+thing has `MOST` of them. Of a fork the nearest region, its nose, weighs more than its flanks, which look like the
+railings and walls they are. Mirror images and disturbed copies count too. Several small networks are trained from
+different beginnings and put side by side as one: their mean is surer than each. Every fifth street is kept from
+training; temperature (so that probabilities are as often right as they say) is fitted on these. The result replaces
 `src/roadblock/stages/recognize/model.json`.
 """
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,23 +22,38 @@ from scipy.optimize import minimize, minimize_scalar
 
 from roadblock.config import Settings
 from roadblock.detectors import make_detector
-from roadblock.kernels.reference.recognize import CELLS_HIGH, CELLS_WIDE, COLUMNS, LOOKS, OWN, TURNS
+from roadblock.kernels.reference.judge import LIMIT
+from roadblock.kernels.reference.recognize import (
+    ASIDE_M,
+    BACK,
+    CELLS_HIGH,
+    CELLS_WIDE,
+    COLUMNS,
+    GRID,
+    LAYERS,
+    LOOKS,
+    OWN,
+    TOGETHER,
+    TOPS,
+    TURNS,
+)
 from roadblock.stages.recognize.survey import INPUTS, survey
-from roadblock.stages.recognize.types import CLASSES, LIMIT, MODEL, TypeModel
+from roadblock.stages.recognize.types import CLASSES, MODEL, TypeModel
 from roadblock.stages.rectify import plan_rectification, rectify
 from roadblock.values.frame import StereoPair
 from roadblock.values.scene import Region
 
 Floats = NDArray[np.float64]
-FIRST, STREETS = 1000, 760
+FIRST, STREETS = 1000, 1500
 MOST, LEAST_SEEN = 0.6, 0.2
 """A region is a thing if that share of its cells on any is on this one, and that share of all its cells on one."""
-HIDDEN, DECAY, STEPS, SEED = 48, 1e-3, 250, 0
-FORKS = 0.5
-"""Roads fork less often than these streets do."""
-NOISE, LOOKS_NOISE = 0.2, 0.7
+NETWORKS, HIDDEN, DECAY, STEPS, SEED = 2, 48, 3e-3, 250, 0
+NOSE, FLANK = 1.5, 0.3
+"""What the nearest region of a fork weighs, and what the others do."""
+NOISE, LOOKS_NOISE = 0.4, 1.0
 """A third copy of each example differs from it so much, in standard deviations: real things look otherwise."""
 DIGITS = 3
+PARTS = ("mean", "spread", "hidden", "hidden_bias", "output", "output_bias")
 
 
 def whose(region: Region, shot: dict[str, Any]) -> tuple[str, int]:
@@ -50,38 +68,49 @@ def whose(region: Region, shot: dict[str, Any]) -> tuple[str, int]:
     return classes[number], number
 
 
-def examples(seeds: range, folder: Path) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
-    """Return inputs, classes and seeds of all regions."""
-    inputs, classes, streets = [], [], []
+def examples(seeds: range, folder: Path) -> tuple[Floats, NDArray[np.int64], Floats, NDArray[np.int64]]:
+    """Return inputs, classes, weights and seeds of all regions."""
+    inputs, classes, weights, streets = [], [], [], []
     for seed in seeds:
         shot = picture(seed, False, seed % 8 == 5, folder)
         rig = shot["rig"]
         pair = rectify(StereoPair(shot["left"], shot["right"]), plan_rectification(rig), rig.left.size_px)
         found = make_detector(Settings())(pair)
-        if found.regions:
-            inputs.append(survey(pair, found).inputs)
-            classes += [CLASSES.index(whose(region, shot)[0]) for region in found.regions]
-            streets += [seed] * len(found.regions)
-    return np.concatenate(inputs), np.array(classes), np.array(streets)
+        if not found.regions:
+            continue
+        measured, kinds = survey(pair, found).inputs, [whose(region, shot)[0] for region in found.regions]
+        flanks = [i for i, kind in enumerate(kinds) if kind == "fork"]
+        weight = np.ones(len(kinds))
+        weight[flanks] = FLANK
+        if flanks:
+            weight[min(flanks, key=lambda i: measured[i, 0])] = NOSE  # the nearest one: streets have one fork at most
+        inputs.append(measured)
+        weights.append(weight)
+        classes += [CLASSES.index(kind) for kind in kinds]
+        streets += [seed] * len(kinds)
+    return np.concatenate(inputs), np.array(classes), np.concatenate(weights), np.array(streets)
 
 
 def mirrored() -> NDArray[np.int64]:
     """Return where each input comes from in the mirror image."""
     places = np.arange(INPUTS)
-    for first in (16, 16 + COLUMNS):
+    for first in (TOPS, BACK):
         places[first : first + COLUMNS] = places[first : first + COLUMNS][::-1]
-    beside = OWN + LOOKS
-    for first in (OWN, beside + 4 + 5):
+    grid = places[GRID:BACK].reshape(LAYERS, COLUMNS)
+    grid[:] = grid[:, ::-1].copy()
+    for first in (OWN, TOGETHER + 5):
         cells = places[first : first + LOOKS - 1].reshape(CELLS_HIGH, CELLS_WIDE, TURNS)
         cells[:] = cells[:, ::-1][:, :, [0, 3, 2, 1]].copy()
-    places[beside : beside + 4] = [beside + 2, beside + 3, beside, beside + 1]
+    for first, count in ((OWN + LOOKS, 2), (OWN + LOOKS + 4, len(ASIDE_M))):
+        sides = places[first : first + 2 * count].reshape(2, count)
+        sides[:] = sides[::-1].copy()
     return places
 
 
 def disturbed(inputs: Floats, rng: np.random.Generator) -> Floats:
     """Return the examples with noise."""
     sigma = np.full(INPUTS, NOISE)
-    for first in (OWN, OWN + LOOKS + 4 + 5):
+    for first in (OWN, TOGETHER + 5):
         sigma[first : first + LOOKS] = LOOKS_NOISE
     return inputs + sigma * inputs.std(0) * rng.standard_normal(inputs.shape)
 
@@ -93,17 +122,16 @@ def unpacked(weights: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     return a.reshape(INPUTS, HIDDEN), b, c.reshape(HIDDEN, len(CLASSES)), d
 
 
-def fit(inputs: Floats, classes: NDArray[np.int64]) -> TypeModel:
-    """Return the model that explains the examples best: cross entropy, rare classes weigh more, weights decay."""
+def fit(inputs: Floats, classes: NDArray[np.int64], weights: Floats, seed: int) -> TypeModel:
+    """Return the model that explains the examples best: cross entropy, rare classes weigh more, large weights cost."""
     mean, spread = inputs.mean(0), inputs.std(0) + 0.01
-    x = np.clip((inputs - mean) / spread, -LIMIT, LIMIT)
-    weight = 1 / np.sqrt(np.bincount(classes, minlength=len(CLASSES)) + 1)
-    weight[CLASSES.index("fork")] *= FORKS
-    weight = weight[classes] / weight[classes].sum()
-    target = np.eye(len(CLASSES))[classes]
+    x = np.clip((inputs - mean) / spread, -LIMIT, LIMIT).astype(np.float32)
+    weight = weights / np.sqrt(np.bincount(classes, minlength=len(CLASSES)) + 1)[classes]
+    weight = (weight / weight.sum()).astype(np.float32)
+    target = np.eye(len(CLASSES), dtype=np.float32)[classes]
 
     def loss(weights: Floats) -> tuple[float, Floats]:
-        hidden, hidden_bias, output, output_bias = unpacked(weights)
+        hidden, hidden_bias, output, output_bias = unpacked(weights.astype(np.float32))
         active = np.tanh(x @ hidden + hidden_bias)
         scores = active @ output + output_bias
         scores -= scores.max(1, keepdims=True)
@@ -114,9 +142,9 @@ def fit(inputs: Floats, classes: NDArray[np.int64]) -> TypeModel:
         back = (odds - target) * weight[:, None]
         inner = back @ output.T * (1 - active**2)
         parts = (x.T @ inner + 2 * DECAY * hidden, inner.sum(0), active.T @ back + 2 * DECAY * output, back.sum(0))
-        return float(cost), np.concatenate([part.ravel() for part in parts])
+        return float(cost), np.concatenate([part.ravel() for part in parts]).astype(float)
 
-    rng = np.random.default_rng(SEED)
+    rng = np.random.default_rng(seed)
     start = np.concatenate(
         [
             rng.normal(0, INPUTS**-0.5, INPUTS * HIDDEN),
@@ -129,11 +157,23 @@ def fit(inputs: Floats, classes: NDArray[np.int64]) -> TypeModel:
     return TypeModel(mean, spread, *unpacked(best))
 
 
+def side_by_side(models: list[TypeModel]) -> TypeModel:
+    """Return one model whose scores are the mean of theirs."""
+    return TypeModel(
+        models[0].mean,
+        models[0].spread,
+        np.concatenate([model.hidden for model in models], axis=1),
+        np.concatenate([model.hidden_bias for model in models]),
+        np.concatenate([model.output for model in models]) / len(models),
+        np.mean([model.output_bias for model in models], axis=0),
+    )
+
+
 def tempered(model: TypeModel, inputs: Floats, classes: NDArray[np.int64]) -> float:
     """Return the temperature under which these examples are most probable."""
 
     def cost(temperature: float) -> float:
-        odds = TypeModel(**(vars(model) | {"temperature": temperature})).probabilities(inputs)
+        odds = replace(model, temperature=temperature).probabilities(inputs)
         return -float(np.log(odds[np.arange(len(inputs)), classes] + 1e-12).mean())
 
     return float(minimize_scalar(cost, bounds=(0.3, 5), method="bounded").x)
@@ -146,21 +186,23 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path, default=Path("pictures"))
     options = parser.parse_args()
     options.pictures.mkdir(exist_ok=True)
-    inputs, classes, streets = examples(range(FIRST, FIRST + options.streets), options.pictures)
+    inputs, classes, weights, streets = examples(range(FIRST, FIRST + options.streets), options.pictures)
     held = streets % 5 == 4
     own, kinds = inputs[~held], classes[~held]
     copies = (own, own[:, mirrored()], disturbed(own, np.random.default_rng(SEED)))
-    model = fit(np.concatenate(copies), np.tile(kinds, len(copies)))
+    many = np.concatenate(copies), np.tile(kinds, len(copies)), np.tile(weights[~held], len(copies))
+    model = side_by_side([fit(*many, SEED + k) for k in range(NETWORKS)])
     temperature = tempered(model, inputs[held], classes[held])
     right = model.probabilities(inputs[held]).argmax(1) == classes[held]
     print(f"{len(own)} examples, {held.sum()} held out: {right.mean():.3f} right, temperature {temperature:.2f}")
     record = {
         "classes": list(CLASSES),
         "recipe": f"benchmarks/accuracy/train_recognition.py --streets {options.streets}: seeds from {FIRST}, "
-        f"{len(own)} regions, their mirror images and disturbed ones; hidden {HIDDEN}, decay {DECAY}, seed {SEED}; "
+        f"{len(own)} regions, their mirror images and disturbed ones; {NETWORKS} networks of {HIDDEN}, decay {DECAY}, "
+        f"seeds from {SEED}; "
         f"temperature from {int(held.sum())} regions of every fifth street, of which {right.mean():.3f} were right",
         "temperature": round(temperature, DIGITS),
-        **{name: np.round(getattr(model, name), DIGITS).tolist() for name in vars(model) if name != "temperature"},
+        **{name: np.round(getattr(model, name), DIGITS).tolist() for name in PARTS},
     }
     MODEL.write_text(json.dumps(record) + "\n", "utf-8")
 

@@ -6,7 +6,10 @@ from numpy.typing import NDArray
 
 from roadblock.kernels.compiled.street import quantile_of
 from roadblock.kernels.reference.recognize import (
+    ASIDE_M,
+    BACK,
     BACKGROUND,
+    BEHIND_M,
     BESIDE_PX,
     BODY_SHARE,
     CELLS,
@@ -21,11 +24,17 @@ from roadblock.kernels.reference.recognize import (
     GAIN_LIMITS,
     GREY_LEAST,
     GREY_SHARE,
+    GRID,
     HEADINGS,
     HUE_ENDS_DEG,
     HUES,
+    INNER,
+    INWARD_PX,
+    INWARD_SHARE,
     LAYERS,
+    LIKELY_PX,
     LOOKS,
+    OUTWARD_PX,
     OWN,
     PATCH_STEP,
     PITCH_CELLS,
@@ -38,14 +47,20 @@ from roadblock.kernels.reference.recognize import (
     SIDES,
     STRAY_FROM,
     STRAY_ROWS,
+    TOGETHER,
     TOGETHER_M,
     TOGETHER_SHARE,
+    TOPS,
     TOUCH_PX,
     TURNS,
+    UNLIKELY,
+    WIDE,
 )
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Singles = NDArray[np.float32]
+Units = NDArray[np.int32]
 Gray = NDArray[np.uint8]
 
 
@@ -61,124 +76,104 @@ def pitch_of(uvd: Floats) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def solve3(A: Floats, y: Floats) -> Floats:
-    """Return the solution of a symmetric 3 x 3 system by Cramer's rule; zeros where it has none."""
-    c00 = A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1]
-    c01 = A[1, 2] * A[2, 0] - A[1, 0] * A[2, 2]
-    c02 = A[1, 0] * A[2, 1] - A[1, 1] * A[2, 0]
-    determinant = A[0, 0] * c00 + A[0, 1] * c01 + A[0, 2] * c02
-    out = np.zeros(3)
-    if abs(determinant) < 1e-9:
-        return out
-    out[0] = (y[0] * c00 + y[1] * c01 + y[2] * c02) / determinant
-    out[1] = (
-        y[0] * c01 + y[1] * (A[0, 0] * A[2, 2] - A[0, 2] * A[2, 0]) + y[2] * (A[0, 2] * A[1, 0] - A[0, 0] * A[1, 2])
-    ) / determinant
-    out[2] = (
-        y[0] * c02 + y[1] * (A[0, 2] * A[1, 0] - A[0, 0] * A[1, 2]) + y[2] * (A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0])
-    ) / determinant
-    return out
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
 def measure_shape(
-    uvd: Floats, xzh: Floats, count: int, twin: Floats, size_px: Floats, scratch: Floats, out: Floats
+    cells: Floats, n: int, pitch: float, count: int, twin: Floats, width_px: float, scratch: Floats, out: Floats
 ) -> None:
-    """See `reference.recognize.measure_shape`."""
+    """See `reference.recognize.measure_shape`; rows of `cells` are u, v, d, z and height."""
     f, fb = twin[0], twin[0] * twin[3]
-    n = len(xzh)
-    pitch = pitch_of(uvd[:PITCH_CELLS])
     for i in range(n):
-        scratch[i] = xzh[i, 1]
-    near = quantile_of(scratch[:n], 0.1)
-    far = quantile_of(scratch[:n], 0.9)
+        scratch[i] = cells[3, i]
+    near, far = quantile_of(scratch[:n], 0.1), quantile_of(scratch[:n], 0.9)
     for i in range(n):
-        scratch[i] = xzh[i, 2]
-    top = quantile_of(scratch[:n], 0.98)
-    low = quantile_of(scratch[:n], 0.05)
-    u0, u1, v0, v1 = np.inf, -np.inf, np.inf, -np.inf
+        scratch[i] = cells[4, i]
+    top, low = quantile_of(scratch[:n], 0.98), quantile_of(scratch[:n], 0.05)
+    u0, u1, v0, v1 = cells[0, 0], cells[0, 0], cells[1, 0], cells[1, 0]
     for i in range(n):
-        u0, u1 = min(u0, xzh[i, 3]), max(u1, xzh[i, 3])
-        v0, v1 = min(v0, xzh[i, 4]), max(v1, xzh[i, 4])
-    u0, u1, v0, v1 = u0 - pitch / 2, u1 + pitch / 2, v0 - 2.0, v1 + 2.0
-    tall = max(top, 0.05)
-    width = (u1 - u0) / f * near
+        u0, u1 = min(u0, cells[0, i]), max(u1, cells[0, i])
+        v0, v1 = min(v0, cells[1, i]), max(v1, cells[1, i])
     # The surface as a plane of disparities, and what does not lie on it.
-    A, y = np.zeros((3, 3)), np.zeros(3)
-    cu, cv = (u0 + u1) / 2, (v0 + v1) / 2
-    row = np.empty(3)
+    first, x, y, d, xx, xy, yy, xd, yd, dd, flat = cells[2, 0], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
-        row[0], row[1], row[2] = 1.0, (xzh[i, 3] - cu) / (u1 - u0), (xzh[i, 4] - cv) / (v1 - v0)
-        for a in range(3):
-            y[a] += row[a] * xzh[i, 5]
-            for b in range(3):
-                A[a, b] += row[a] * row[b]
-    plane = solve3(A, y)
-    rms, flat = 0.0, 0.0
-    for i in range(n):
-        off = xzh[i, 5] - plane[0] - plane[1] * (xzh[i, 3] - cu) / (u1 - u0) - plane[2] * (xzh[i, 4] - cv) / (v1 - v0)
-        rms += off * off
-        flat += abs(xzh[i, 1] - near) < 0.3
-    rms = np.sqrt(rms / n)
+        a, b, c = cells[0, i] - u0, cells[1, i] - v0, cells[2, i] - first
+        x, y, d = x + a, y + b, d + c
+        xx, xy, yy, xd, yd, dd = xx + a * a, xy + a * b, yy + b * b, xd + a * c, yd + b * c, dd + c * c
+        flat += abs(cells[3, i] - near) < 0.3
+    x, y, d = x / n, y / n, d / n
+    u0, u1, v0, v1 = u0 - pitch / 2, u1 + pitch / 2, v0 - 2.0, v1 + 2.0
+    tall, wide, high = max(top, 0.05), u1 - u0, v1 - v0
+    width = wide / f * near
+    xx, yy, xy = (xx / n - x * x) / wide**2, (yy / n - y * y) / high**2, (xy / n - x * y) / (wide * high)
+    xd, yd, dd = (xd / n - x * d) / wide, (yd / n - y * d) / high, dd / n - d * d
+    across, up, determinant = 0.0, 0.0, xx * yy - xy * xy
+    if determinant >= 1e-9:
+        across, up = (yy * xd - xy * yd) / determinant, (xx * yd - xy * xd) / determinant
+    rms = np.sqrt(max(dd - 2 * (across * xd + up * yd) + across * across * xx + 2 * across * up * xy + up * up * yy, 0))
     per_px = near * near / fb
     out[0], out[1], out[2], out[3] = np.log(near), np.log(width), np.log(tall), low
     out[4], out[5] = np.log(far - near + 0.1), np.log(per_px)
-    out[6], out[7] = np.log(width / tall), count * pitch * 4.0 / ((u1 - u0) * (v1 - v0))
+    out[6], out[7] = np.log(width / tall), count * pitch * 4.0 / (wide * high)
     out[8], out[9] = np.log(rms + 0.02), np.log(rms * per_px + 0.02)
-    out[10] = min(abs(plane[1]) * per_px / max(width, 0.1), 4.0)
-    out[11] = min(max(plane[2] * per_px / tall, -4.0), 4.0)
+    out[10] = min(abs(across) * per_px / max(width, 0.1), 4.0)
+    out[11] = min(max(up * per_px / tall, -4.0), 4.0)
     out[12] = flat / n
-    out[13] = (u0 < 6) * 1.0 + (u1 > size_px[0] - 6)
+    out[13] = (u0 < 6) * 1.0 + (u1 > width_px - 6)
     out[14] = (v0 < 6) * 1.0
     out[15] = np.log(count)
-    # How high it is over its columns, and how wide in its layers.
-    k = 16
-    tops, counts = np.zeros(COLUMNS), np.zeros(COLUMNS)
-    layers, left, right = np.zeros(LAYERS), np.full(LAYERS, np.inf), np.full(LAYERS, -np.inf)
+    # How high it is over its columns, how wide in its layers, how much in both; and how far behind its nearest face.
+    out[TOPS:OWN] = 0.0
+    left, right = scratch[:LAYERS], scratch[LAYERS : 2 * LAYERS]
+    columns, layers = scratch[2 * LAYERS : 2 * LAYERS + COLUMNS], scratch[2 * LAYERS + COLUMNS : 3 * LAYERS + COLUMNS]
+    left[:], right[:], columns[:], layers[:] = np.inf, -np.inf, 0.0, 0.0
+    per_column, per_layer = COLUMNS / wide, LAYERS / tall
     for i in range(n):
-        c = min(int((xzh[i, 3] - u0) / (u1 - u0) * COLUMNS), COLUMNS - 1)
-        tops[c] = max(tops[c], xzh[i, 2])
-        counts[c] += 1
-        m = min(max(int(xzh[i, 2] / tall * LAYERS), 0), LAYERS - 1)
-        layers[m] += 1
-        left[m], right[m] = min(left[m], xzh[i, 3]), max(right[m], xzh[i, 3])
+        u, height = cells[0, i], cells[4, i]
+        c = min(int((u - u0) * per_column), COLUMNS - 1)
+        m = min(max(int(height * per_layer), 0), LAYERS - 1)
+        behind = min(max(cells[3, i] - near, 0.0), BEHIND_M)
+        out[TOPS + c] = max(out[TOPS + c], height)
+        left[m], right[m] = min(left[m], u), max(right[m], u)
+        out[GRID + m * COLUMNS + c] += 1.0
+        columns[c] += 1.0
+        layers[m] += 1.0
+        out[BACK + c] += behind
+        out[BACK + COLUMNS + m] += behind
     for c in range(COLUMNS):
-        out[k + c] = min(tops[c] / tall, 1.2)
-        out[k + COLUMNS + c] = counts[c] * COLUMNS / n
-    k += 2 * COLUMNS
+        out[TOPS + c] = min(out[TOPS + c] / tall, 1.2)
+        out[BACK + c] /= max(columns[c], 1.0)
     for m in range(LAYERS):
-        wide = max(right[m] - left[m] + pitch, 0.0) if layers[m] > 0 else 0.0
-        out[k + m] = wide / (u1 - u0)
-        out[k + LAYERS + m] = layers[m] * LAYERS / n
+        out[WIDE + m] = (right[m] - left[m] + pitch) / wide if layers[m] > 0 else 0.0
+        out[BACK + COLUMNS + m] /= max(layers[m], 1.0)
+    for k in range(GRID, BACK):
+        out[k] *= COLUMNS * LAYERS / n
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def measure_looks(half: Gray, u0: float, v0: float, u1: float, v1: float, out: Floats) -> None:
-    """See `reference.recognize.measure_looks`."""
+def measure_looks(half: Gray, u0: float, v0: float, u1: float, v1: float, across: Ints, out: Floats) -> None:
+    """See `reference.recognize.measure_looks`; `across` is overwritten."""
     rows, columns = half.shape
+    high, wide = CELLS_HIGH * PATCH_STEP, CELLS_WIDE * PATCH_STEP
+    for j in range(wide):
+        across[j] = min(max(int((u0 + (j + 0.5) * (u1 - u0) / wide) / 2), 1), columns - 2)
     total = 0.0
     out[:] = 0.0
-    for i in range(CELLS_HIGH * PATCH_STEP):
-        y = int((v0 + (i + 0.5) * (v1 - v0) / (CELLS_HIGH * PATCH_STEP)) / 2)
-        y = min(max(y, 1), rows - 2)
-        for j in range(CELLS_WIDE * PATCH_STEP):
-            x = int((u0 + (j + 0.5) * (u1 - u0) / (CELLS_WIDE * PATCH_STEP)) / 2)
-            x = min(max(x, 1), columns - 2)
-            gx = float(half[y, x + 1]) - float(half[y, x - 1])
-            gy = float(half[y + 1, x]) - float(half[y - 1, x])
-            ax, ay = abs(gx), abs(gy)
-            # Upright, level, and the two slants.
-            if ay < 0.4142 * ax:
-                turn = 0
-            elif ax < 0.4142 * ay:
-                turn = 2
-            else:
+    for i in range(high):
+        y = min(max(int((v0 + (i + 0.5) * (v1 - v0) / high) / 2), 1), rows - 2)
+        first = i // PATCH_STEP * CELLS_WIDE * TURNS
+        for cell in range(CELLS_WIDE):
+            at = first + cell * TURNS
+            for j in range(cell * PATCH_STEP, (cell + 1) * PATCH_STEP):
+                x = across[j]
+                gx = np.int64(half[y, x + 1]) - np.int64(half[y, x - 1])
+                gy = np.int64(half[y + 1, x]) - np.int64(half[y - 1, x])
+                ax, ay = abs(gx), abs(gy)
+                # Upright, level, and the two slants.
                 turn = 1 if gx * gy > 0 else 3
-            size = np.sqrt(gx * gx + gy * gy)
-            out[((i // PATCH_STEP) * CELLS_WIDE + j // PATCH_STEP) * TURNS + turn] += size
-            total += size
-    count = CELLS_HIGH * CELLS_WIDE * PATCH_STEP**2
-    bins = CELLS_HIGH * CELLS_WIDE * TURNS
+                turn = 2 if 10000 * ax < 4142 * ay else turn
+                turn = 0 if 10000 * ay < 4142 * ax else turn
+                size = np.sqrt(float(gx * gx + gy * gy))
+                out[at + turn] += size
+                total += size
+    count, bins = high * wide, CELLS_HIGH * CELLS_WIDE * TURNS
     for k in range(bins):
         out[k] = np.sqrt(out[k] / (total + count))
     out[bins] = np.log(total / count + 1.0)
@@ -211,13 +206,18 @@ def measure_beside(
                 begun = False
         out[2 * side] = beyond / seen if seen else 0.0
         out[2 * side + 1] = min(wide, FAR_M)
+        for k in range(len(ASIDE_M)):
+            place = ((u0 if side == 0 else u1) + way * ASIDE_M[k] * f_px / range_m - start) / step + 0.5
+            column = int(place) if place < n else n
+            room = free_m[column] - range_m if 0 <= column < n else np.nan
+            out[4 + side * len(ASIDE_M) + k] = min(max(room, -FAR_M), FAR_M) if room == room else 0.0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def grow_box(boxes: Floats, near: Floats, k: int, box: Floats) -> int:
+def grow_box(boxes: Floats, near: Floats, k: int, taken: NDArray[np.bool_], box: Floats) -> int:
     """See `reference.recognize.grow_box`."""
     reach = max(TOGETHER_M, TOGETHER_SHARE * near[k])
-    taken = np.zeros(len(boxes), np.bool_)
+    taken[:] = False
     taken[k] = True
     for c in range(4):
         box[c] = boxes[k, c]
@@ -254,37 +254,37 @@ def describe_things(
     f, cx, cy, baseline = twin
     n_x, n_y, n_z, height_m, bend = road
     things = len(bounds) - 1
-    scratch, xzh = np.empty(CELLS), np.empty((CELLS, 6))
+    scratch, some, across = np.empty(CELLS), np.empty((5, CELLS)), np.empty(CELLS_WIDE * PATCH_STEP, np.int64)
     boxes, near, box = np.empty((things, 4)), np.empty(things), np.empty(4)
     for k in range(things):
-        cells = uvd[bounds[k] : bounds[k + 1]]
-        count = len(cells)
+        begin, count = int(bounds[k]), int(bounds[k + 1] - bounds[k])
         n = min(count, CELLS)
         u0, u1, v0, v1, lowest = np.inf, -np.inf, np.inf, -np.inf, -np.inf
         for s in range(n):
-            u, v, d = cells[s * count // n]
+            i = begin + (s * count // n if n < count else s)
+            u, v, d = uvd[i, 0], uvd[i, 1], uvd[i, 2]
             z = f * baseline / d
             x, y = (u - cx) / f * z - baseline / 2, (v - cy) / f * z
-            xzh[s, 0], xzh[s, 1], xzh[s, 3], xzh[s, 4], xzh[s, 5] = x, z, u, v, d
-            xzh[s, 2] = n_x * x + n_y * y + n_z * z + height_m - bend * z * z if n_x == n_x else -y
+            some[0, s], some[1, s], some[2, s], some[3, s] = u, v, d, z
+            some[4, s] = n_x * x + n_y * y + n_z * z + height_m - bend * z * z if n_x == n_x else -y
             lowest = max(lowest, y)
-            u0, u1 = min(u0, u - 2), max(u1, u + 2)
-            v0, v1 = min(v0, v - 2), max(v1, v + 2)
+            u0, u1, v0, v1 = min(u0, u), max(u1, u), min(v0, v), max(v1, v)
         if n_x != n_x:
-            xzh[:n, 2] += lowest
-        measure_shape(cells, xzh[:n], count, twin, size_px, scratch, figures[k])
+            some[4, :n] += lowest
+        pitch = pitch_of(uvd[begin : begin + min(count, PITCH_CELLS)])
+        measure_shape(some, n, pitch, count, twin, size_px[0], scratch, figures[k])
         # What stands on the road is seen down to it.
+        u0, u1, v0, v1 = u0 - 2, u1 + 2, v0 - 2, v1 + 2
         near[k] = np.exp(figures[k, 0])
         if figures[k, 3] < FOOT_LOW_M:
             v1 = min(v1 + max(figures[k, 3], 0.0) * f / near[k], size_px[1])
         boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3] = u0, v0, u1, v1
-        at = OWN
-        measure_looks(half, u0, v0, u1, v1, figures[k, at : at + LOOKS])
-        at += LOOKS
-        measure_beside(u0, u1, near[k], f, free_u, free_m, figures[k, at : at + 4])
+        measure_looks(half, u0, v0, u1, v1, across, figures[k, OWN : OWN + LOOKS])
+        measure_beside(u0, u1, near[k], f, free_u, free_m, figures[k, OWN + LOOKS : TOGETHER])
+    taken = np.empty(things, np.bool_)
     for k in range(things):
-        at = OWN + LOOKS + 4
-        pieces = grow_box(boxes, near, k, box)
+        at = TOGETHER
+        pieces = grow_box(boxes, near, k, taken, box)
         wide, tall = (box[2] - box[0]) / f * near[k], (box[3] - box[1]) / f * near[k]
         figures[k, at], figures[k, at + 1] = np.log(wide), np.log(tall)
         figures[k, at + 2] = np.log(pieces)
@@ -293,7 +293,7 @@ def describe_things(
         figures[k, at + 4] = (boxes[k, 1] - box[1]) / (box[3] - box[1])
         at += 5
         if pieces > 1:
-            measure_looks(half, box[0], box[1], box[2], box[3], figures[k, at : at + LOOKS])
+            measure_looks(half, box[0], box[1], box[2], box[3], across, figures[k, at : at + LOOKS])
         else:
             figures[k, at : at + LOOKS] = figures[k, OWN : OWN + LOOKS]
 
@@ -306,12 +306,21 @@ def pick_colors(
     rows, columns = colors.shape[:2]
     own = samples.shape[1] - BACKGROUND
     for k in range(len(samples)):
-        a, n = bounds[k], bounds[k + 1] - bounds[k]
+        a, n = int(bounds[k]), int(bounds[k + 1] - bounds[k])
         left, right = columns - 1, 0
+        end, middle = a, 0.0
         for s in range(own):
             i = a + s * n // own
+            if i >= end:  # the first one of another row
+                begin, end = i, i + 1
+                while begin > a and uvd[begin - 1, 1] == uvd[i, 1]:
+                    begin -= 1
+                while end < a + n and uvd[end, 1] == uvd[i, 1]:
+                    end += 1
+                middle = (uvd[begin, 0] + uvd[end - 1, 0]) / 2
             row, column = min(int(uvd[i, 1]) // step_px, rows - 1), min(int(uvd[i, 0]) // step_px, columns - 1)
             left, right = min(left, column), max(right, column)
+            column = min(int(middle + INNER * (uvd[i, 0] - middle)) // step_px, columns - 1)
             for c in range(3):
                 samples[k, s, c] = colors[row, column, c]
         for s in range(BACKGROUND):
@@ -405,17 +414,28 @@ def steepest(steps: Floats, middle: float, reach: float, first: int, least: floa
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def edge_near(half: Gray, row: int, middle: float, reach: float, scratch: Floats) -> float:
-    """See `reference.recognize.edge_near`."""
+def edge_near(half: Gray, row: int, cells_end: float, way: int, inward: float, scratch: Floats) -> float:
+    """See `reference.recognize.edge_near`; `scratch` is overwritten."""
     rows, columns = half.shape
-    first, last = max(int(np.ceil(middle - reach)), 1), min(int(np.floor(middle + reach)), columns - 2)
-    y0, y1 = max(row - 1, 0), min(row + 1, rows - 1)
-    steps = scratch[: min(max(last - first + 1, 0), len(scratch))]
-    steps[:] = 0.0
-    for y in range(y0, y1 + 1):
-        for k in range(len(steps)):
-            steps[k] += abs(float(half[y, first + k + 1]) - float(half[y, first + k - 1]))
-    return steepest(steps, middle, reach, first, EDGE_LEVELS * (y1 - y0 + 1))
+    begin, end = cells_end - way * OUTWARD_PX / 2, cells_end + way * inward
+    first, last = max(int(np.ceil(min(begin, end))), 1), min(int(np.floor(max(begin, end))), columns - 2)
+    above, below = max(row - 1, 0), min(row + 1, rows - 1)
+    best, at, likely = EDGE_LEVELS * (below - above + 1), -1, cells_end + way * min(LIKELY_PX / 2, inward)
+    seen = half[above : below + 1, first - 1 : last + 2]
+    for k in range(seen.shape[1] - 2):
+        step = 0.0
+        for y in range(seen.shape[0]):
+            step += abs(float(seen[y, k + 2]) - float(seen[y, k]))
+        scratch[k] = step
+        far = 1 + UNLIKELY * abs(first + k - likely)
+        if step > best * far:
+            best, at = step / far, k
+    if at < 0:
+        return likely
+    before = scratch[at - 1] if at > 0 else 0.0
+    after = scratch[at + 1] if first + at < last else 0.0
+    bend = 2 * scratch[at] - before - after
+    return first + at + (min(max((after - before) / (2 * bend), -0.5), 0.5) if bend > 0 else 0.0)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -432,19 +452,25 @@ def top_near(half: Gray, middle: float, left: float, right: float, reach: float)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def trace_thing(
-    half: Gray, uvd: Floats, xzh: Floats, f_px: float, box: Floats, edges: Floats, contour: NDArray[np.int32]
-) -> int:
-    """See `reference.recognize.trace_thing`."""
+def least_but(values: Floats, strays: int, sign: int) -> float:
+    """Return the least of the values times a sign, but for so many strays."""
+    least = np.full(strays + 1, np.inf)
+    for value in values:
+        rest = sign * value
+        for k in range(strays + 1):
+            if rest < least[k]:
+                least[k], rest = rest, least[k]
+    return float(least[strays])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def trace_thing(half: Gray, uvd: Floats, feet: Floats, box: Floats, edges: Floats, contour: NDArray[np.int32]) -> int:
+    """See `reference.recognize.trace_thing`; `feet` (n,) is down to which row each cell is seen."""
     n = len(uvd)
-    pitch = pitch_of(uvd)
+    pitch = pitch_of(uvd[:PITCH_CELLS])
     v0, v1 = np.inf, -np.inf
     for i in range(n):
-        v0 = min(v0, uvd[i, 1] - 2)
-        foot = uvd[i, 1] + 2
-        if xzh[i, 2] < FOOT_M:
-            foot = max(foot, uvd[i, 1] + xzh[i, 2] * f_px / xzh[i, 1])
-        v1 = max(v1, foot)
+        v0, v1 = min(v0, uvd[i, 1] - 2), max(v1, feet[i])
     v0, v1 = max(v0, 0.0), min(v1, box[3])
     # From the cells' edges to the image's, first at the upper end.
     reach = (pitch / 2 + REACH_PX) / 2
@@ -456,14 +482,11 @@ def trace_thing(
         v0 = min(2 * top_near(half, (v0 - 0.5) / 2, begin / 2, end / 2, reach) + 0.5, v1 - 2)
     top = v0
     rows = min(max(int((v1 - v0) / 2), 2), ROWS)
-    step = (v1 - v0) / rows
+    step, per_row = (v1 - v0) / rows, 1 / ((v1 - v0) / rows)
     left, right = np.full(rows, np.inf), np.full(rows, -np.inf)
     for i in range(n):
-        foot = uvd[i, 1] + 2
-        if xzh[i, 2] < FOOT_M:
-            foot = max(foot, uvd[i, 1] + xzh[i, 2] * f_px / xzh[i, 1])
-        first = max(int((uvd[i, 1] - 2 - v0) / step + 0.5), 0)
-        last = min(max(int((foot - v0) / step - 0.5), first), rows - 1)
+        first = max(int((uvd[i, 1] - 2 - v0) * per_row + 0.5), 0)
+        last = min(max(int((feet[i] - v0) * per_row - 0.5), first), rows - 1)
         for k in range(first, last + 1):
             left[k], right[k] = min(left[k], uvd[i, 0] - pitch / 2), max(right[k], uvd[i, 0] + pitch / 2)
     # Rows without a cell lie between those around them.
@@ -481,10 +504,9 @@ def trace_thing(
     sharp_left, sharp_right, scratch = np.empty(rows), np.empty(rows), np.empty(64)
     for k in range(rows):
         y = min(int((v0 + (k + 0.5) * step) / 2), half.shape[0] - 1)
-        width = (right[k] - left[k]) / 2
-        near = min(reach, max(width, 1.0))
-        sharp_left[k] = 2 * edge_near(half, y, (left[k] - 0.5) / 2, near, scratch) + 0.5
-        sharp_right[k] = 2 * edge_near(half, y, (right[k] - 0.5) / 2, near, scratch) + 0.5
+        inward = min(INWARD_PX, INWARD_SHARE * (right[k] - left[k])) / 2
+        sharp_left[k] = 2 * edge_near(half, y, (left[k] - 0.5) / 2, 1, inward, scratch) + 0.5
+        sharp_right[k] = 2 * edge_near(half, y, (right[k] - 0.5) / 2, -1, inward, scratch) + 0.5
     m = 0
     lefts, rights = np.empty(rows), np.empty(rows)
     for k in range(rows):
@@ -500,10 +522,8 @@ def trace_thing(
         lefts[k], rights[k] = u, w
         m += 2
     # The outermost rows may be stray; how far away an end is, the cells there tell.
-    lefts.sort()
-    rights.sort()
     stray = rows // STRAY_ROWS
-    ends = lefts[stray], rights[rows - 1 - stray]
+    ends = least_but(lefts, stray, 1), -least_but(rights, stray, -1)
     margin = max(1.5 * pitch, END_SHARE * (ends[1] - ends[0]))
     for side in range(2):
         total, count, near_d, near_off = 0.0, 0, 0.0, np.inf
@@ -538,88 +558,108 @@ def trace_things(
     box[4], box[5] = cx, baseline
     for k in range(len(bounds) - 1):
         cells = uvd[bounds[k] : bounds[k + 1]]
-        xzh = np.empty((len(cells), 3))
+        feet = np.empty(len(cells))
         for i in range(len(cells)):
-            z = f * baseline / cells[i, 2]
-            x, y = (cells[i, 0] - cx) / f * z - baseline / 2, (cells[i, 1] - cy) / f * z
-            xzh[i, 0], xzh[i, 1] = x, z
-            xzh[i, 2] = n_x * x + n_y * y + n_z * z + height_m - bend * z * z if n_x == n_x else FOOT_M
+            u, v, d = cells[i, 0], cells[i, 1], cells[i, 2]
+            per_px = baseline / d
+            z, height = f * per_px, FOOT_M
+            if n_x == n_x:
+                x, y = (u - cx) * per_px - baseline / 2, (v - cy) * per_px
+                height = n_x * x + n_y * y + n_z * z + height_m - bend * z * z
+            feet[i] = max(v + 2, v + height / per_px) if height < FOOT_M else v + 2
         for c in range(4):
             box[c] = boxes[k, c]
-        counts[k] = trace_thing(half, cells, xzh, f, box, edges[k], contours[k])
+        counts[k] = trace_thing(half, cells, feet, box, edges[k], contours[k])
+
+
+UNITS, TELL = 4096.0, 128
+"""Places for an outline are whole numbers of so small a part of a metre, then of so small a part of that, which only
+tells them apart: LLVM makes vectors of least and largest integers only."""
+HIGHEST, LOWEST = np.int32(2**31 - 1), np.int32(1 - 2**31)
+ACROSS = np.cos(np.arange(HEADINGS) * (np.pi / 2) / HEADINGS).astype(np.float32)
+ALONG = np.sin(np.arange(HEADINGS) * (np.pi / 2) / HEADINGS).astype(np.float32)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def turn_places(x: Singles, z: Singles, c: np.float32, s: np.float32, along: Units, across: Units) -> None:
+    """Write where places are along and across a direction whose cosine and sine are given, units."""
+    for i in range(len(x)):
+        along[i] = np.int32(c * z[i] + s * x[i]) * np.int32(TELL) + np.int32(i)
+    for i in range(len(x)):
+        across[i] = np.int32(c * x[i] - s * z[i]) * np.int32(TELL) + np.int32(i)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def ends_of(values: Floats) -> tuple[float, float]:
+def ends_of(values: Units) -> tuple[np.int32, np.int32]:
     """See `reference.recognize.ends_of`."""
-    low, lowest, high, highest = np.inf, np.inf, -np.inf, -np.inf
+    low, high = HIGHEST, LOWEST
+    for i in range(len(values)):
+        low, high = min(low, values[i]), max(high, values[i])
+    if len(values) <= STRAY_FROM:
+        return low, high
+    second, last = HIGHEST, LOWEST
     for i in range(len(values)):
         value = values[i]
-        if value < low:
-            low = value
-            if value < lowest:
-                low, lowest = lowest, value
-        if value > high:
-            high = value
-            if value > highest:
-                high, highest = highest, value
-    return (low, high) if len(values) > STRAY_FROM else (lowest, highest)
+        second, last = min(second, value if value > low else HIGHEST), max(last, value if value < high else LOWEST)
+    return second, last
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nnan", "nsz"})
+def misfit(along: Units, across: Units, front: np.float32, side: np.float32, per_unit: Singles) -> float:
+    """Return how badly a front and a side explain places: standard deviations, each at most 3."""
+    total = np.float32(0.0)
+    for i in range(len(along)):
+        off = min(abs(np.float32(along[i]) - front), abs(np.float32(across[i]) - side))
+        total += min(off * per_unit[i], np.float32(3.0))
+    return np.float64(total)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def fit_outline(x: Floats, z: Floats, sigma_m: Floats, out: Floats) -> None:
-    """See `reference.recognize.fit_outline`."""
-    n = len(x)
-    costs = np.empty(HEADINGS)
-    along, across = np.empty(n), np.empty(n)
-    best, at = np.inf, 0
-    for turn in range(HEADINGS + 1):
-        k = turn if turn < HEADINGS else at
-        angle = k * (np.pi / 2) / HEADINGS
-        if turn == HEADINGS:
-            # Between the directions beside the best one, as a parabola tells.
-            before, after = costs[(at - 1) % HEADINGS], costs[(at + 1) % HEADINGS]
-            bend = before + after - 2 * costs[at]
-            if bend > 0:
-                angle += (np.pi / 2) / HEADINGS * min(max((before - after) / (2 * bend), -0.5), 0.5)
-        c, s = np.cos(angle), np.sin(angle)
-        # One side across the direction and one along it are seen: those nearer to the cameras.
-        for i in range(n):
-            along[i] = c * z[i] + s * x[i]
-            across[i] = c * x[i] - s * z[i]
-        front, back = ends_of(along)
-        low, high = ends_of(across)
-        side = low if low > 0 else high if high < 0 else np.nan
-        cost = 0.0
-        for i in range(n):
-            off = abs(along[i] - front)
-            if side == side:
-                off = min(off, abs(across[i] - side))
-            cost += min(off / sigma_m[i], 3.0)
-        if turn < HEADINGS:
-            costs[k] = cost
-            if cost < best:
-                best, at = cost, k
-        else:
-            out[0], out[1], out[2], out[3], out[4] = angle, front, back, low, high
-            out[5] = best / n
-            mean = 0.0
-            for m in range(HEADINGS):
-                mean += costs[m]
-            out[6] = mean / HEADINGS / n
+def turned(
+    x: Singles, z: Singles, per_unit: Singles, c: np.float32, s: np.float32, along: Units, across: Units, out: Floats
+) -> float:
+    """See `reference.recognize.turned`; `out` (4,) is the extent, `along` and `across` are overwritten."""
+    turn_places(x, z, c, s, along, across)
+    front, back = ends_of(along)
+    low, high = ends_of(across)
+    # One side across the direction and one along it are seen: those nearer to the cameras.
+    side = low if low > 0 else high if high < 0 else np.int32(2**30)
+    unit_m = 1 / (UNITS * TELL)
+    out[0], out[1], out[2], out[3] = front * unit_m, back * unit_m, low * unit_m, high * unit_m
+    return misfit(along, across, np.float32(front), np.float32(side), per_unit)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def fit_outline(x: Singles, z: Singles, per_unit: Singles, along: Units, across: Units, out: Floats) -> None:
+    """See `reference.recognize.fit_outline`; x and z are in units, `per_unit` is 1 over their sigma."""
+    n, at, total, costs = len(x), 0, 0.0, np.empty(HEADINGS)
+    for k in range(HEADINGS):
+        costs[k] = turned(x, z, per_unit, ACROSS[k], ALONG[k], along, across, out[1:5])
+        total += costs[k]
+        if costs[k] < costs[at]:
+            at = k
+    # Between the directions beside the best one, as a parabola tells.
+    before, after = costs[(at - 1) % HEADINGS], costs[(at + 1) % HEADINGS]
+    bend, angle = before + after - 2 * costs[at], at * (np.pi / 2) / HEADINGS
+    if bend > 0:
+        angle += (np.pi / 2) / HEADINGS * min(max((before - after) / (2 * bend), -0.5), 0.5)
+    turned(x, z, per_unit, np.float32(np.cos(angle)), np.float32(np.sin(angle)), along, across, out[1:5])
+    out[0], out[5], out[6] = angle, costs[at] / n, total / HEADINGS / n
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def outline_things(uvd: Floats, bounds: NDArray[np.int32], twin: Floats, sigma_px: Floats, figures: Floats) -> None:
     """See `reference.recognize.outline_things`."""
     f, cx, _, baseline = twin
-    x, z, sigma_m = np.empty(POINTS), np.empty(POINTS), np.empty(POINTS)
+    x, z, per_unit = np.empty(POINTS, np.float32), np.empty(POINTS, np.float32), np.empty(POINTS, np.float32)
+    along, across = np.empty(POINTS, np.int32), np.empty(POINTS, np.int32)
     for k in range(len(bounds) - 1):
-        a, n = bounds[k], bounds[k + 1] - bounds[k]
+        a, n = int(bounds[k]), int(bounds[k + 1] - bounds[k])
         count = min(n, POINTS)
         for s in range(count):
-            i = a + s * n // count
-            z[s] = f * baseline / uvd[i, 2]
-            x[s] = (uvd[i, 0] - cx) / f * z[s] - baseline / 2
-            sigma_m[s] = max(z[s] / uvd[i, 2] * sigma_px[k], 0.03)
-        fit_outline(x[:count], z[:count], sigma_m[:count], figures[k])
+            i = a + (s * n // count if count < n else s)
+            z_m = f * baseline / uvd[i, 2]
+            z[s] = UNITS * z_m
+            x[s] = UNITS * ((uvd[i, 0] - cx) / f * z_m - baseline / 2)
+            per_unit[s] = 1 / (UNITS * TELL * max(z_m / uvd[i, 2] * sigma_px[k], 0.03))
+        fit_outline(x[:count], z[:count], per_unit[:count], along[:count], across[:count], figures[k])

@@ -14,6 +14,6 @@ class RecognizeSettings(BaseModel):
         "shape", description="none: nothing is said; shape: type, colour, contour, outline; onnx: types by a network."
     )
     least_probability: float = Field(
-        0.5, ge=0, le=1, description="A type less probable than this is not named: the obstacle stays unknown."
+        0.45, ge=0, le=1, description="A type less probable than this is not named: the obstacle stays unknown."
     )
     network: str = Field("", description="YAML file that describes the network of `onnx` (docs/recognition.md).")

@@ -46,19 +46,18 @@ class Survey:
     @property
     def inputs(self) -> FloatArray:
         """(n, INPUTS) what the model of types looks at: the figures, and a summary of the colours (0 for grey)."""
-        n = len(self.figures)
-        summary = np.zeros((n, INPUTS - FIGURES))
+        inputs = np.zeros((len(self.figures), INPUTS))
+        inputs[:, :FIGURES] = self.figures
         if self.colors is not None:
-            c = self.colors
-            shares = c[:, 0 : 4 * HUES : 4]
-            summary[:, 0] = shares[:, 4]
-            summary[:, 1] = shares[:, 1] + shares[:, 2]
-            summary[:, 2] = shares[:, 3]
-            summary[:, 3] = shares[:, 5] + shares[:, 6]
+            c, summary = self.colors, inputs[:, FIGURES:]
+            summary[:, 0] = c[:, 4 * 4]
+            summary[:, 1] = c[:, 4 * 1] + c[:, 4 * 2]
+            summary[:, 2] = c[:, 4 * 3]
+            summary[:, 3] = c[:, 4 * 5] + c[:, 4 * 6]
             summary[:, 4] = c[:, 4 * HUES]
             summary[:, 5:7] = c[:, 4 * HUES + 4 :] / 25
             summary[:, 7] = 1
-        return np.concatenate([self.figures, summary], axis=1)
+        return inputs
 
 
 def survey(pair: RectifiedPair, found: Detections, regions: Sequence[Region] | None = None) -> Survey:

@@ -4,11 +4,13 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from roadblock.kernels.compiled.judge import judge_types
 from roadblock.stages.recognize.survey import INPUTS
 from roadblock.values.checks import FloatArray
 
@@ -31,8 +33,6 @@ MOVING = ("person", "bicycle", "car", "truck", UNKNOWN)
 STANDS_STILL = 0.02
 """So often something else than `MOVING` seems to move."""
 MODEL = Path(__file__).parent / "model.json"
-LIMIT = 5.0
-"""Inputs further from the mean than so many standard deviations count as that far."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +59,19 @@ class TypeModel:
     output_bias: FloatArray
     temperature: float = 1.0
 
+    @cached_property
+    def _numbers(self) -> tuple[NDArray[np.float32], ...]:
+        """What the kernel takes."""
+        layers = self.mean, 1 / self.spread, self.hidden, self.hidden_bias
+        ends = self.output / self.temperature, self.output_bias / self.temperature
+        return tuple(np.ascontiguousarray(part, np.float32) for part in (*layers, *ends))
+
     def probabilities(self, inputs: FloatArray) -> FloatArray:
         """Return (n, classes) the probability of each class, given (n, INPUTS) what was measured."""
-        scaled = np.clip((inputs - self.mean) / self.spread, -LIMIT, LIMIT)
-        scores = (np.tanh(scaled @ self.hidden + self.hidden_bias) @ self.output + self.output_bias) / self.temperature
-        odds = np.exp(scores - scores.max(axis=1, keepdims=True))
-        return np.asarray(odds / odds.sum(axis=1, keepdims=True))
+        odds = np.empty((len(inputs), len(self.output_bias)))
+        mean, per_spread, hidden, hidden_bias, output, output_bias = self._numbers
+        judge_types(inputs, mean, per_spread, hidden, hidden_bias, output, output_bias, odds)
+        return odds
 
 
 @cache
@@ -87,5 +94,5 @@ def moving_odds(odds: Mapping[str, float]) -> dict[str, float]:
 
 def label(odds: Mapping[str, float], least: float) -> tuple[str, float]:
     """Return the most probable class and how probable it is; unknown and NaN if that is less than `least`."""
-    best = max(odds, key=lambda name: odds[name])
+    best = max(odds, key=odds.__getitem__)
     return (UNKNOWN, math.nan) if best == UNKNOWN or odds[best] < least else (best, odds[best])

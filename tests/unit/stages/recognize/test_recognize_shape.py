@@ -8,7 +8,6 @@ import pytest
 
 from roadblock.geometry.pose import pose, rotation_from_rotvec
 from roadblock.stages.recognize import RecognizeSettings, make_recognizer, weigh_motion
-from roadblock.stages.recognize.shape import _direction
 from roadblock.stages.recognize.types import CLASSES, label, moving_odds, shipped_model
 from roadblock.stages.triangulate import locate_all
 from roadblock.values.camera import Rectification
@@ -81,6 +80,26 @@ def test_sizes_are_those_of_the_edges_and_their_sigmas_cover_them() -> None:
     assert np.isnan(found.size_sigma_m[2])
 
 
+def test_a_vehicle_ends_over_the_road() -> None:
+    """Below its lower edge, 0.15 m over the road, one sees the road under it: 10.5 px at 10 m."""
+
+    class Sure:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def probabilities(self, inputs: FloatArray) -> FloatArray:
+            return np.array([[float(name == self.name) for name in CLASSES]] * len(inputs))
+
+    ends = []
+    for name in ("wall", "car"):
+        recognize = make_recognizer(RecognizeSettings())
+        recognize.model = Sure(name)
+        found = recognize(*scene(cells_of((250, 91, 371, 227)), (186, 36, 34), (250, 91, 371, 227)))[0]
+        assert found.label == name
+        ends.append(found.contour_px[:, 1].max())
+    assert ends[0] - ends[1] == pytest.approx(0.15 * F_PX / 10, abs=1)
+
+
 def test_without_a_road_the_height_stays_what_was_measured() -> None:
     pair, found, regions, _ = scene(cells_of((250, 91, 371, 227)), (186, 36, 34), (250, 91, 371, 227))
     obstacles = locate_all(regions, TWIN, None, [None])
@@ -142,24 +161,6 @@ def test_a_mounting_turns_outline_and_direction_with_it() -> None:
 def test_what_has_no_side_to_tell_has_no_direction() -> None:
     found = recognized(cells_of((250, 91, 371, 227)))
     assert found.outline_m.shape == (4, 2)
-    assert math.isnan(_direction("wall", 2.0, 1.8))
-
-
-@pytest.mark.parametrize(
-    ("name", "long_m", "wide_m", "quarter"),
-    [
-        ("car", 4.0, 1.7, 0),
-        ("car", 0.3, 1.7, 0),
-        ("car", 1.7, 0.3, 1),
-        ("car", 1.0, 3.9, 1),
-        ("truck", 0.2, 2.5, 0),
-        ("railing", 0.2, 2.5, 1),
-        ("railing", 6.0, 0.5, 0),
-    ],
-)
-def test_a_vehicle_runs_across_its_short_side(name: str, long_m: float, wide_m: float, quarter: int) -> None:
-    """Seen from behind a car shows a side of its width only, and runs away from it; a railing runs along its side."""
-    assert _direction(name, long_m, wide_m) == quarter
 
 
 # --- types ------------------------------------------------------------------------------------------------------------
@@ -172,9 +173,9 @@ def test_the_model_gives_probabilities() -> None:
     assert odds.shape == (50, len(CLASSES))
     np.testing.assert_allclose(odds.sum(1), 1)
     assert (odds > 0).all()
-    by_hand = np.tanh(np.clip((inputs[3] - model.mean) / model.spread, -5, 5) @ model.hidden + model.hidden_bias)
+    by_hand = np.tanh(np.clip((inputs[3] - model.mean) / model.spread, -3, 3) @ model.hidden + model.hidden_bias)
     scores = (by_hand @ model.output + model.output_bias) / model.temperature
-    np.testing.assert_allclose(np.log(odds[3] / odds[3, 0]), scores - scores[0], atol=1e-9)
+    np.testing.assert_allclose(np.log(odds[3] / odds[3, 0]), scores - scores[0], atol=1e-4)
 
 
 def test_what_is_not_sure_is_unknown() -> None:
