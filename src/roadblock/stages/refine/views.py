@@ -15,8 +15,8 @@ from roadblock.values.frame import Gray, RectifiedPair
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
 Box = tuple[slice, slice]
 
-MARGIN_PX = 24
-"""So far around a region is looked."""
+ASIDE_PX, ABOVE_PX = 24, 8
+"""So far beside the middles of a region's cells, and above and below them, is looked."""
 
 
 def raw_sides(pair: RectifiedPair) -> tuple[Gray, Gray]:
@@ -45,16 +45,18 @@ def windows(first: NDArray[np.int64], uvd: FloatArray, size_px: tuple[int, int])
     sides: tuple[list[Box], list[Box]] = [], []
     for a, b in pairwise(first):
         (u1, v1, near), (u0, v0, far) = uvd[a:b].max(0), uvd[a:b].min(0)
-        rows = slice(max(int(v0) - MARGIN_PX, 0), min(int(v1) + MARGIN_PX, size_px[1]))
+        rows = slice(max(int(v0) - ABOVE_PX, 0), min(int(v1) + ABOVE_PX + 1, size_px[1]))
         for boxes, low, high in zip(sides, (u0, u0 - near), (u1, u1 - far), strict=True):
-            columns = slice(max(int(low) - MARGIN_PX, 0), max(min(int(high) + MARGIN_PX, size_px[0]), 0))
+            columns = slice(max(int(low) - ASIDE_PX, 0), max(min(int(high) + ASIDE_PX, size_px[0]), 0))
             boxes.append((rows, columns))
     return sides
 
 
 def painted(boxes: Sequence[Box], size_px: tuple[int, int], fill: Callable[[Box], Gray]) -> Gray:
-    """Return an image of which the boxes alone are filled in."""
+    """Return an image of which the boxes alone are filled in; all of it where that is less."""
     image = np.zeros(size_px[::-1], np.uint8)
+    if sum(image[box].size for box in boxes) > image.size:
+        boxes = [(slice(0, size_px[1]), slice(0, size_px[0]))]
     for box in boxes:
         if image[box].size:
             image[box] = fill(box)
