@@ -22,7 +22,7 @@ from roadblock.values.checks import FloatArray
 
 BOARD = Board("chessboard", 8, 5, 0.03)
 RIG = built_rig(np.random.default_rng(4))
-VIEWS, SOLUTIONS = 12, 36
+VIEWS, SOLUTIONS = 12, 28
 NOISE_PX, TOLD_PX = 0.05, 0.1
 """Corners are said to be twice as noisy as they are: the solver has to find out."""
 

@@ -259,8 +259,8 @@ def test_lengths_that_are_none(text: str) -> None:
 REAL = {
     "bumblebee2": ("chessboard:4x6", "30mm"),
     "opencv": ("chessboard:9x6", "25mm"),
-    "webcams": ("chessboard:9x6", "24.23mm"),
 }
+"""`benchmarks/accuracy/calibration.py --part real` has the 29 pairs of `webcams` too, which take a minute."""
 
 
 @pytest.mark.parametrize("name", REAL)
@@ -273,9 +273,5 @@ def test_real_sets(roadblock, work: Path, data_dir: Path, name: str) -> None:
     found = record()
     if name == "bumblebee2":
         assert found["baseline_m"] == pytest.approx(0.12004, rel=0.005)
-    elif name == "opencv":
-        assert found["baseline_m"] == pytest.approx(3.343 * 0.025, rel=0.015)
     else:
-        assert found["baseline_m"] == pytest.approx(0.0940, abs=0.0005)
-        assert found["views_total"] == 29
-        assert not any("no board" in row["reason"] for row in found["left_out"])
+        assert found["baseline_m"] == pytest.approx(3.343 * 0.025, rel=0.015)
