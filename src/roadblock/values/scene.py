@@ -170,6 +170,17 @@ class FreeSpace:
         if self.edges is not None and len(self.edges.range_m) != len(self.u_px):
             raise ValueRefusedError(f"edges must have {len(self.u_px)} columns, but got {len(self.edges.range_m)}")
 
+    @property
+    def ends(self) -> NDArray[np.bool_]:
+        """(n,) which columns end at something; where the detector does not tell, all that are observed."""
+        return np.isfinite(self.range_m) if self.is_blocked is None else self.is_blocked
+
+    @property
+    def grid(self) -> FloatArray:
+        """(2,) the first column, and how far they are apart, pixels; 0 and 1 where there is none, or only one."""
+        u = self.u_px
+        return np.array([u[0] if len(u) else 0.0, u[1] - u[0] if len(u) > 1 else 1.0])
+
 
 @dataclass(frozen=True, eq=False)
 class Stixels:

@@ -20,6 +20,12 @@ from roadblock.kernels.reference.traces import (
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def slack(z_m: float, twin: Floats) -> float:
+    """See `reference.traces.slack`."""
+    return CLEAR_M + SIGMAS * COLUMN_SIGMA_PX * z_m * z_m / (twin[0] * twin[3])  # type: ignore[no-any-return]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def revisit(
     slots: NDArray[np.int64],
     spans: Floats,
@@ -88,7 +94,7 @@ def _ask(
             continue
         k = int(column)
         one, other = there_m[k], there_m[k + 1]
-        slack_m = CLEAR_M + SIGMAS * COLUMN_SIGMA_PX * z * z / (f * baseline_m)
+        slack_m = slack(z, twin)
         if one > z + slack_m and other > z + slack_m:
             counts[0] += 1
         elif blocked_there[k] and blocked_there[k + 1]:
@@ -138,6 +144,5 @@ def judge(
             left >= LEAST and left > MOVED_SHARE * (left + left_not)
         )
         z = (spans_now[i, 2] + spans_now[i, 3]) / 2
-        slack_m = CLEAR_M + SIGMAS * COLUMN_SIGMA_PX * z * z / (twin[0] * twin[3])
-        slid[i] = not moved[i] and speed_mps[i] * longest_s[i] > FAR_ENOUGH * slack_m
+        slid[i] = not moved[i] and speed_mps[i] * longest_s[i] > FAR_ENOUGH * slack(z, twin)
     return moved, slid

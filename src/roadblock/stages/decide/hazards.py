@@ -77,15 +77,15 @@ class Layout:
         self.R_road = np.ascontiguousarray(self.R[:2, [0, 2]])
         """(2, 2) right and ahead of the cameras as forward and left."""
 
-    def columns(self, at_m: FloatArray, u_px: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
-        """Return in which column of `u_px` points (n, 2) on the road are, -1 = in none, and how far ahead."""
+    def columns(self, at_m: FloatArray, free: FreeSpace) -> tuple[NDArray[np.intp], FloatArray]:
+        """Return in which column points (n, 2) on the road are, -1 = in none, and how far ahead."""
         r = self.rectification
         x, z = (at_m @ self.R_road).T
         with np.errstate(divide="ignore", invalid="ignore"):
             u = (x + r.baseline_m / 2) / np.where(z > 0, z, np.nan) * r.f_px + r.cx_px
-            first_px, step_px = grid(u_px)
+            first_px, step_px = free.grid
             column = np.rint((u - first_px) / step_px)
-            inside = (column >= 0) & (column < len(u_px))
+            inside = (column >= 0) & (column < len(free.u_px))
         return np.where(inside, np.nan_to_num(column), -1).astype(np.intp), z
 
     def faces(
@@ -96,7 +96,6 @@ class Layout:
         `movers` are known to move from before. What ends a column alone does not count.
         """
         seen = [(o, t) for o in obstacles if (t := o.track) is not None and t.coasted_s <= LONGEST_COAST_S]
-        is_blocked = np.isfinite(free.range_m) if free.is_blocked is None else free.is_blocked
         width_px = self.rectification.size_px[0]
         inside = BORDER_SHARE * width_px, (1 - BORDER_SHARE) * width_px
         rows = [
@@ -126,9 +125,9 @@ class Layout:
             np.where(size_m > 0, size_m, 0.0)[:, ::2],  # unknown lengths are NaN
             foot_m[:, :2] - self.origin_m,
             speeds,
-            grid(free.u_px),
+            free.grid,
             free.range_m,
-            is_blocked,
+            free.ends,
             self.rectification.numbers,
             self.R_road,
         )
@@ -137,7 +136,7 @@ class Layout:
 
     def is_seen_free(self, at_m: FloatArray, free: FreeSpace) -> NDArray[np.bool_]:
         """Return for points (n, 2) whether road was seen there, before anything that ends it."""
-        column, z = self.columns(at_m, free.u_px)
+        column, z = self.columns(at_m, free)
         if not len(free.u_px):
             return np.zeros(len(at_m), bool)
         with np.errstate(invalid="ignore"):
@@ -147,8 +146,3 @@ class Layout:
 def _table(rows: Sequence[Any], columns: int) -> FloatArray:
     """Return rows of numbers as an array, also if there are none."""
     return np.concatenate(rows, axis=None, dtype=float).reshape(-1, columns) if rows else np.zeros((0, columns))
-
-
-def grid(u_px: FloatArray) -> FloatArray:
-    """Return (2,) the first of some columns, px, and how far they are apart."""
-    return np.array([u_px[0] if len(u_px) else 0.0, u_px[1] - u_px[0] if len(u_px) > 1 else 1.0])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.kernels.compiled.decide import recall
-from roadblock.stages.decide.hazards import Layout, grid
+from roadblock.stages.decide.hazards import Layout
 from roadblock.values.checks import FloatArray
 from roadblock.values.motion import EgoMotion
 from roadblock.values.scene import FreeSpace
@@ -100,9 +100,16 @@ class Memory:
             Of the columns.
         """
         at = np.array([*own.at_m, math.cos(own.heading_rad), math.sin(own.heading_rad)])
-        columns, twin = grid(free.u_px), layout.rectification.numbers
         self._cells, self._evidence, self.here_m = recall(
-            self._cells, self._evidence, at, columns, reach_m, ends, foot_m, twin, layout.R_road
+            self._cells,
+            self._evidence,
+            at,
+            free.grid,
+            reach_m,
+            ends,
+            foot_m,
+            layout.rectification.numbers,
+            layout.R_road,
         )
 
 

@@ -9,7 +9,7 @@ from scipy.ndimage import map_coordinates, spline_filter
 
 from roadblock.kernels.compiled.refine import refine_regions, survey
 from roadblock.kernels.reference.refine import FIGURES, Model
-from roadblock.stages.refine.views import Box, Maps, painted, raw_sides, windows
+from roadblock.stages.refine.views import Box, Maps, painted, sources, windows
 from roadblock.values.checks import FloatArray
 from roadblock.values.frame import Gray, RectifiedPair
 
@@ -45,13 +45,13 @@ def refine_finely(
     (n, len(FIGURES)) figures; (n,) how much lower the right image is than the rig says, pixels: where each region's
     residual is least, held near 0; and the model.
     """
-    r, sides = pair.rectification, raw_sides(pair)
-    maps = (r.maps_left, r.maps_right) if pair.raw else (None, None)
-    model = Model(*numbers, *survey(*sides))._replace(**FINELY)
-    ours, theirs = windows(first, uvd, r.size_px)
-    left = painted(ours, r.size_px, partial(finely, sides[0], maps[0], 0.0))
+    raw, size_px = sources(pair), pair.rectification.size_px
+    model = Model(*numbers, *survey(raw.left, raw.right))._replace(**FINELY)
+    ours, theirs = windows(first, uvd, size_px)
+    left = painted(ours, size_px, partial(finely, raw.left, raw.maps_left, 0.0))
     rights = [
-        painted(theirs, r.size_px, partial(finely, sides[1], maps[1], down_px)) for down_px in (-DOWN_PX, 0.0, DOWN_PX)
+        painted(theirs, size_px, partial(finely, raw.right, raw.maps_right, down_px))
+        for down_px in (-DOWN_PX, 0.0, DOWN_PX)
     ]
     begun = refine_regions(left, rights[1], first, uvd, model)
     moved = uvd.copy()

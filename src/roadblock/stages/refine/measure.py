@@ -9,7 +9,7 @@ from roadblock.kernels.compiled.refine import refine_regions, survey
 from roadblock.kernels.reference.refine import FIGURES, Model
 from roadblock.stages.refine.fine import refine_finely
 from roadblock.stages.refine.settings import RefineSettings
-from roadblock.stages.refine.views import quick_views, raw_sides
+from roadblock.stages.refine.views import quick_views, sources
 from roadblock.values.checks import FloatArray, unchecked
 from roadblock.values.frame import RectifiedPair
 from roadblock.values.scene import Refinement, Region
@@ -61,8 +61,9 @@ def refine(pair: RectifiedPair, regions: Sequence[Region], settings: RefineSetti
     if settings.level == "shape":
         figures, down_px, model = refine_finely(pair, first, uvd, numbers)
     else:
-        model, down_px = Model(*numbers, *survey(*raw_sides(pair))), np.zeros(len(regions))
-        figures = refine_regions(*quick_views(pair, first, uvd), first, uvd, model)
+        raw, down_px = sources(pair), np.zeros(len(regions))
+        model = Model(*numbers, *survey(raw.left, raw.right))
+        figures = refine_regions(*quick_views(raw, first, uvd, r.size_px), first, uvd, model)
     fits = judged(figures, np.array([region.sigma_d_px for region in regions]), down_px, model)
     return tuple(
         region if fit is None else unchecked(Region, **(vars(region) | {"refined": fit}))

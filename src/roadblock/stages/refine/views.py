@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -19,20 +20,30 @@ ASIDE_PX, ABOVE_PX = 24, 8
 """So far beside the middles of a region's cells, and above and below them, is looked."""
 
 
-def raw_sides(pair: RectifiedPair) -> tuple[Gray, Gray]:
-    """Return the raw images, grey; where nobody has them, the rectified ones are."""
-    return pair.raw or gray8(pair.left, pair.right)
+class Sources(NamedTuple):
+    """Two grey images, and the maps by which the rectified ones sample them; None where they are rectified."""
+
+    left: Gray
+    right: Gray
+    maps_left: Maps | None
+    maps_right: Maps | None
 
 
-def quick_views(pair: RectifiedPair, first: NDArray[np.int64], uvd: FloatArray) -> tuple[Gray, Gray]:
-    """Return both rectified images, filled in where the regions are."""
+def sources(pair: RectifiedPair) -> Sources:
+    """Return the raw images of a pair; where nobody has them, the rectified ones stand for them."""
     r = pair.rectification
-    if pair.raw is None or r.maps_left is None or r.maps_right is None:
-        return raw_sides(pair)
-    views = []
-    for raw, maps, boxes in zip(pair.raw, (r.maps_left, r.maps_right), windows(first, uvd, r.size_px), strict=True):
-        views.append(painted(boxes, r.size_px, partial(bilinear, raw, maps)))
-    return views[0], views[1]
+    if pair.raw is None:
+        return Sources(*gray8(pair.left, pair.right), None, None)
+    return Sources(*pair.raw, r.maps_left, r.maps_right)
+
+
+def quick_views(raw: Sources, first: NDArray[np.int64], uvd: FloatArray, size_px: tuple[int, int]) -> tuple[Gray, Gray]:
+    """Return both rectified images, filled in where the regions are."""
+    if raw.maps_left is None or raw.maps_right is None:
+        return raw.left, raw.right
+    ours, theirs = windows(first, uvd, size_px)
+    left = painted(ours, size_px, partial(bilinear, raw.left, raw.maps_left))
+    return left, painted(theirs, size_px, partial(bilinear, raw.right, raw.maps_right))
 
 
 def bilinear(raw: Gray, maps: Maps, box: Box) -> Gray:

@@ -43,12 +43,12 @@ class Traces:
         no = np.zeros(len(bank), bool)
         if len(free.u_px) != self._range_m.shape[1] or not len(bank) or not lag_s.any():
             return Verdict(no, no)
-        columns, is_blocked, is_seen = grid(free), blocked(free), bank.seen_ns == t_ns
+        is_seen = bank.seen_ns == t_ns
         then = self._range_m, self._is_blocked, self._T
         speed_mps = np.hypot(bank.x[:, 3], bank.x[:, 4])
         now = spans(bank.boxes, bank.range_m, bank.long_m)
         return Verdict(
-            *judge(now, bank.spans, is_seen, speed_mps, lag_s, columns, free.range_m, is_blocked, *then, self._twin)
+            *judge(now, bank.spans, is_seen, speed_mps, lag_s, free.grid, free.range_m, free.ends, *then, self._twin)
         )
 
     def keep(self, bank: Bank, free: FreeSpace, t_ns: int) -> None:
@@ -60,16 +60,6 @@ class Traces:
             return
         k, self._next = self._next, (self._next + 1) % KEPT
         self._t_ns[k], self._T[k] = t_ns, np.eye(4)
-        self._range_m[k], self._is_blocked[k] = free.range_m, blocked(free)
+        self._range_m[k], self._is_blocked[k] = free.range_m, free.ends
         bank.spans[:, k] = spans(bank.boxes, bank.range_m, bank.long_m)
         bank.spans[bank.seen_ns != t_ns, k] = 0.0
-
-
-def blocked(free: FreeSpace) -> NDArray[np.bool_]:
-    """Return (c,) which columns end at something."""
-    return np.isfinite(free.range_m) if free.is_blocked is None else free.is_blocked
-
-
-def grid(free: FreeSpace) -> FloatArray:
-    """Return (2,) middle of the first column, and the distance of two."""
-    return np.array([free.u_px[0], free.u_px[1] - free.u_px[0]])
