@@ -51,6 +51,9 @@ FLAGS: dict[str, Any] = {
 """No kernel makes an array, so none needs to count who holds one: counting cost two thirds of the time, more still with
 several threads, which all count on the same numbers."""
 
+INLINED = FLAGS | {"forceinline": True}
+"""For what would pass on most of its many arguments from pixel to pixel."""
+
 
 class Ground(NamedTuple):
     """The road's surface as bare numbers: the fields of `Road`, and what follows from them.
@@ -159,7 +162,7 @@ class Candidates(NamedTuple):
     small: NDArray[np.int64]
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def lattice(i, j, k, seed):  # type: ignore[no-untyped-def]
     """Return a fixed random number in -1..1 for a lattice point."""
     h = (i * 374761393 + j * 668265263 + k * 1103515245 + seed * 974711) & 0xFFFFFFFF
@@ -168,7 +171,7 @@ def lattice(i, j, k, seed):  # type: ignore[no-untyped-def]
     return (h ^ (h >> 16)) * (2.0 / 4294967295.0) - 1.0
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def noise2(x, y, seed):  # type: ignore[no-untyped-def]
     """Return smooth noise in -1..1 with cells of size 1 (quintic between lattice points)."""
     fx, fy = np.floor(x), np.floor(y)
@@ -182,7 +185,7 @@ def noise2(x, y, seed):  # type: ignore[no-untyped-def]
     return a + t * (c - a)
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def noise3(x, y, z, seed):  # type: ignore[no-untyped-def]
     """Return `noise2` for a third dimension."""
     fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
@@ -200,7 +203,7 @@ def noise3(x, y, z, seed):  # type: ignore[no-untyped-def]
     return a + r * (e - a)
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def kept(size):  # type: ignore[no-untyped-def]
     """Return how much is left of an octave whose cells are so many pixels large: none before it aliases."""
     return min(1.0, max(0.0, (size - 1.0) * (1.0 / 1.5)))
@@ -223,7 +226,7 @@ def fractal2(x, y, coarsest, across, along, seed):  # type: ignore[no-untyped-de
     return total
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def fractal3(x, y, z, coarsest, footprint, seed):  # type: ignore[no-untyped-def]
     """Return `fractal2` for a solid."""
     total, finest, cell = 0.0, max(footprint, FINEST_M), coarsest
@@ -240,7 +243,7 @@ def fractal3(x, y, z, coarsest, footprint, seed):  # type: ignore[no-untyped-def
     return total
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def on_road(ground, x, y):  # type: ignore[no-untyped-def]
     """Return road coordinates (along, left) of a point, and the unit vector to the left there.
 
@@ -254,7 +257,7 @@ def on_road(ground, x, y):  # type: ignore[no-untyped-def]
     return ground.curve_from + np.arctan2(k * ahead, 1.0 - k * y) / k, left, -k * ahead / root, (1.0 - k * y) / root
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def profile(ground, x):  # type: ignore[no-untyped-def]
     """Return height and slope of the road's reference line."""
     ahead = x - ground.grade_from
@@ -265,7 +268,7 @@ def profile(ground, x):  # type: ignore[no-untyped-def]
     return 0.5 * ground.grade / ground.grade_over * ahead * ahead, ground.grade / ground.grade_over * ahead
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def cross_fall(ground, left):  # type: ignore[no-untyped-def]
     """Return height over the profile, and its slope to the left: bank, crown, kerb."""
     inner = min(ground.left, max(ground.right, left))
@@ -280,7 +283,7 @@ def cross_fall(ground, left):  # type: ignore[no-untyped-def]
     return height + ground.kerb * out / KERB_RUN_M, np.sign(left - inner) * ground.kerb / KERB_RUN_M
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def ground_height(ground, x, y):  # type: ignore[no-untyped-def]
     """Return the height of the road's surface."""
     if ground.plain:
@@ -289,7 +292,7 @@ def ground_height(ground, x, y):  # type: ignore[no-untyped-def]
     return profile(ground, x)[0] + cross_fall(ground, left)[0]
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def ground_normal(ground, x, y):  # type: ignore[no-untyped-def]
     """Return the upward unit normal of the road's surface."""
     if ground.plain:
@@ -347,7 +350,7 @@ def hit_profile(ground, lift, ox, oz, dx, dz):  # type: ignore[no-untyped-def]
     return best
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def over_ground(ground, ox, oy, oz, dx, dy, dz, t):  # type: ignore[no-untyped-def]
     """Return how high a ray is over the road's surface."""
     return oz + t * dz - ground_height(ground, ox + t * dx, oy + t * dy)
@@ -365,7 +368,15 @@ def hit_ground(ground, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
     near = hit_profile(ground, ground.high, ox, oz, dx, dz)
     if near == np.inf or ground.low == ground.high:
         return near
-    far = min(hit_profile(ground, ground.low, ox, oz, dx, dz), near + FARTHEST_M)
+    far = hit_profile(ground, ground.low, ox, oz, dx, dz)
+    if far < near + FARTHEST_M and ground.bank == 0.0 and ground.crown == 0.0 and ground.curvature == 0.0:
+        # Between kerbs the surface is the profile itself, beyond them the profile lifted.
+        right, left = oy + min(near * dy, far * dy), oy + max(near * dy, far * dy)
+        if ground.right <= right and left <= ground.left:
+            return far
+        if left <= ground.right - KERB_RUN_M or right >= ground.left + KERB_RUN_M:
+            return near
+    far = min(far, near + FARTHEST_M)
     over = over_ground(ground, ox, oy, oz, dx, dy, dz, near)
     if over <= 0.0:
         return near
@@ -394,7 +405,7 @@ def hit_ground(ground, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
     return 0.5 * (a + b)
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def into_part(g, n, x, y, z):  # type: ignore[no-untyped-def]
     """Turn a direction of the world into the part's axes."""
     return (
@@ -404,7 +415,7 @@ def into_part(g, n, x, y, z):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def slab(o, d, half, near, far):  # type: ignore[no-untyped-def]
     """Narrow the span of a ray to one pair of faces."""
     if d == 0.0:
@@ -413,7 +424,7 @@ def slab(o, d, half, near, far):  # type: ignore[no-untyped-def]
     return max(near, min(a, b)), min(far, max(a, b))
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def hit_ball(ox, oy, oz, dx, dy, dz, radius):  # type: ignore[no-untyped-def]
     """Return where a ray enters a ball around the origin, inf where it does not."""
     a, b = dx * dx + dy * dy + dz * dz, ox * dx + oy * dy + oz * dz
@@ -426,7 +437,7 @@ def hit_ball(ox, oy, oz, dx, dy, dz, radius):  # type: ignore[no-untyped-def]
     return t if t > 0.0 else np.inf
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def hit_capsule(ox, oy, oz, dx, dy, dz, radius, half):  # type: ignore[no-untyped-def]
     """Return where a ray enters a capsule along z: its cylinder if it meets that between the ends, else an end."""
     a, b = dx * dx + dy * dy, ox * dx + oy * dy
@@ -444,7 +455,7 @@ def hit_capsule(ox, oy, oz, dx, dy, dz, radius, half):  # type: ignore[no-untype
     )
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def hit_cone(ox, oy, oz, dx, dy, dz, lower, upper, half):  # type: ignore[no-untyped-def]
     """Return where a ray enters a truncated cone along z with flat ends, inf where it does not."""
     # From the foot of the perpendicular, as for the ball.
@@ -481,7 +492,7 @@ def hit(g, n, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
     return hit_cone(ox, oy, oz, dx, dy, dz, g[n, 12], g[n, 13], g[n, 14])
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def facing(g, n, x, y, z):  # type: ignore[no-untyped-def]
     """Return the outward unit normal, in the part's axes, at a point of its surface given in them."""
     nx, ny, nz = x, y, z
@@ -505,7 +516,7 @@ def facing(g, n, x, y, z):  # type: ignore[no-untyped-def]
     return nx / length, ny / length, nz / length
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def face(g, n, mx, my, mz):  # type: ignore[no-untyped-def]
     """Return the number of the flat face with this normal in the part's axes; 0 where the part is round."""
     if g[n, 16] == 1.0 or g[n, 16] == 2.0:
@@ -519,7 +530,7 @@ def face(g, n, mx, my, mz):  # type: ignore[no-untyped-def]
     return 0
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def lit(part, sun, shades, count, x, y, z):  # type: ignore[no-untyped-def]
     """Return whether the sun reaches a point, past the parts `shades[:count]`."""
     sx, sy, sz = sun[0], sun[1], sun[2]
@@ -533,7 +544,7 @@ def lit(part, sun, shades, count, x, y, z):  # type: ignore[no-untyped-def]
     return True
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def drawn(pattern, g, n, x, y, z, nx, ny, footprint):  # type: ignore[no-untyped-def]
     """Return brightness and share of glass of what is drawn on a box, at a point in its axes, and whether it is busy.
 
@@ -567,7 +578,7 @@ def drawn(pattern, g, n, x, y, z, nx, ny, footprint):  # type: ignore[no-untyped
     return (1.35 if u < 0.6 and v < 0.75 else 1.0), 0.0, busy
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def sunlight(part, sun, shades, count, nx, ny, nz, x, y, z):  # type: ignore[no-untyped-def]
     """Return red, green, blue light on a surface, and whether something keeps the sun off: sky, sun."""
     direct, shadow = nx * sun[0] + ny * sun[1] + nz * sun[2], 0
@@ -582,7 +593,7 @@ def sunlight(part, sun, shades, count, nx, ny, nz, x, y, z):  # type: ignore[no-
     return direct + 0.92 * sky, 0.95 * direct + sky, 0.85 * direct + 1.12 * sky, shadow
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def part_color(part, sun, view, shades, count, n, x, y, z, far, given):  # type: ignore[no-untyped-def]
     """Return the light a part's surface sends out at a world point, its tag, and its texture (`given`, unless NaN)."""
     px, py, pz = into_part(part, n, x - part[n, 0], y - part[n, 1], z - part[n, 2])
@@ -635,7 +646,7 @@ def marked(mark, i, s, t):  # type: ignore[no-untyped-def]
     return 5 if r2 > 0.8 or (np.floor(a / 0.06) + np.floor(b / 0.06)) % 2.0 == 0.0 else 4
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def ground_color(part, line, mark, sun, paint, ground, seed, view, shades, count, x, y, z, far, given):  # type: ignore[no-untyped-def]
     """Return the light the ground sends out at a world point, its tag, and the texture of its asphalt.
 
@@ -696,7 +707,7 @@ def ground_color(part, line, mark, sun, paint, ground, seed, view, shades, count
     return red * r, green * q, blue * b, (code * 2 + shadow) * 2 + busy, grain
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def sky_color(dx, dy, dz, pixel, seed):  # type: ignore[no-untyped-def]
     """Return the light from infinity in a direction, and its tag: two rows of hills, sky, clouds.
 
@@ -720,7 +731,7 @@ def sky_color(dx, dy, dz, pixel, seed):  # type: ignore[no-untyped-def]
     return red + cloud * (0.93 - red), green + cloud * (0.94 - green), blue + cloud * (0.95 - blue), 0
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def way(view, rays, u, v, du, dv):  # type: ignore[no-untyped-def]
     """Return the direction in the world of the ray through a place `du, dv` from the centre of pixel u, v.
 
@@ -746,7 +757,7 @@ def way(view, rays, u, v, du, dv):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def first_hit(part, ground, eye, dx, dy, dz, near, count):  # type: ignore[no-untyped-def]
     """Return what a ray meets first among `near[:count]` and the ground, and where."""
     met, depth = SKY, hit_ground(ground, eye[0], eye[1], eye[2], dx, dy, dz)
@@ -759,7 +770,7 @@ def first_hit(part, ground, eye, dx, dy, dz, near, count):  # type: ignore[no-un
     return met, depth
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def light(part, line, mark, sun, paint, ground, seed, view, shades, count, met, depth, dx, dy, dz, given):  # type: ignore[no-untyped-def]
     """Return the linear light that comes from a ray's first hit, its tag, and its texture (`given`, unless NaN)."""
     if met == SKY:
@@ -799,7 +810,7 @@ def in_tile(box, u0, v0, u1, v1, found):  # type: ignore[no-untyped-def]
     return count
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def in_pixel(box, u, v, tile, tile_count, found):  # type: ignore[no-untyped-def]
     """Write those of a tile's numbers whose boxes hold a pixel into `found`; return how many."""
     count = 0
@@ -811,7 +822,7 @@ def in_pixel(box, u, v, tile, tile_count, found):  # type: ignore[no-untyped-def
     return count
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def in_reach(fat, small, eye, dx, dy, dz, near, count, all_parts):  # type: ignore[no-untyped-def]
     """Keep those of `near[:count]` that a pixel around this ray can meet; return how many, and whether one is thin.
 
@@ -866,7 +877,7 @@ def glance(world, view, rays, candidates, first, last, scratch, image, depth, me
                     depth[v, u], met[v, u] = t, what
 
 
-@numba.njit(**FLAGS)
+@numba.njit(**INLINED)
 def is_mixed(tags, u, v):  # type: ignore[no-untyped-def]
     """Return whether more than one smooth surface may lie in a pixel."""
     tag = tags[v + 1, u + 1]

@@ -19,7 +19,7 @@ from roadblock.sim import raycast
 from roadblock.sim.outlines import candidates
 from roadblock.sim.road import MARKS, Road, ground_of
 from roadblock.sim.scene import Scene
-from roadblock.sim.solids import Part, Rgb, Thing
+from roadblock.sim.solids import Rgb, Thing
 from roadblock.sim.truth import TrueObject, true_ground, true_objects
 from roadblock.values.camera import Camera, StereoRig
 from roadblock.values.checks import FloatArray, finite, locked
@@ -367,9 +367,10 @@ def _forward(camera: Camera, u: NDArray[np.int64], v: NDArray[np.int64]) -> Floa
 
 def _moment(scene: Scene, rig: StereoRig, camera: Camera, T_car_camera: FloatArray) -> _Moment:
     T = scene.T_world_car @ T_car_camera
-    parts = [(thing, part) for thing in scene.things for part in thing.parts]
-    rows = np.array([_part(thing, part, scene.seed, i) for i, (thing, part) in enumerate(parts)]).reshape(-1, 24)
-    reach = np.array([part.reach(np.eye(3)) for _, part in parts]).reshape(-1, 3)
+    solids = [_solids(thing) for thing in scene.things]
+    rows = np.concatenate([np.zeros((0, 24)), *(rows for rows, _ in solids)])
+    reach = np.concatenate([np.zeros((0, 3)), *(reach for _, reach in solids)])
+    rows[:, 23] = SEED_STRIDE * scene.seed + 10 * np.arange(len(rows))
     world = _world(scene, rows)
     lowest = world.ground.low + min(0.0, raycast.profile(world.ground, SHADOWS_M)[0])
     pinhole = camera.lens == "pinhole"
@@ -403,9 +404,17 @@ def _linear(rgb: Rgb) -> list[float]:
     return [float((level / 255) ** 2.2) for level in rgb]
 
 
-def _part(thing: Thing, part: Part, seed: int, index: int) -> list[float]:
-    T = thing.T_world_thing @ part.T_thing_part
-    reach = part.reach(np.eye(3))
-    place = [*T[:3, 3], *T[:3, :3].ravel(), *part.half_m, reach @ reach]
-    texture = [part.contrast, COARSEST_M, PATTERNS[part.pattern], SEED_STRIDE * seed + 10 * index]
-    return [*place, KINDS[part.shape], *_linear(part.rgb), *texture]
+@lru_cache(maxsize=1024)
+def _solids(thing: Thing) -> tuple[FloatArray, FloatArray]:
+    """Return the parts of a thing as in `World.part`, without the texture seeds, and (n, 3) their own half sizes."""
+    T = thing.T_world_thing @ np.array([part.T_thing_part for part in thing.parts])
+    reach = np.array([part.reach(np.eye(3)) for part in thing.parts])
+    look = [
+        [KINDS[part.shape], *_linear(part.rgb), part.contrast, COARSEST_M, PATTERNS[part.pattern], 0.0]
+        for part in thing.parts
+    ]
+    half = [part.half_m for part in thing.parts]
+    rows = np.concatenate(
+        [T[:, :3, 3], T[:, :3, :3].reshape(-1, 9), half, (reach**2).sum(1, keepdims=True), look], axis=1
+    )
+    return locked(rows), locked(reach)

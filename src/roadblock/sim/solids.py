@@ -6,6 +6,7 @@ it, x where it faces), `part` (its own axes).
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Literal, get_args
 
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from roadblock.errors import ValueRefusedError
 from roadblock.geometry.pose import pose, rotation_from_rotvec, transform
-from roadblock.values.checks import FloatArray, finite, rigid_transform
+from roadblock.values.checks import FloatArray, finite, locked, rigid_transform
 
 Shape = Literal["box", "ellipsoid", "capsule", "cylinder", "cone"]
 Pattern = Literal["plain", "crate", "windows"]
@@ -148,11 +149,16 @@ class Thing:
         high = [T[:3, 3] + part.reach(T[:3, :3].T) for part, T in zip(self.parts, poses, strict=True)]
         return np.stack([np.min(low, axis=0), np.max(high, axis=0)])
 
-    @property
+    @cached_property
     def size_m(self) -> FloatArray:
         """(3,) width, height, length along its own axes, metres."""
         length, width, height = np.ptp(self.bounds_m(np.eye(4)), axis=0)
-        return np.array([width, height, length])
+        return np.asarray(locked(np.array([width, height, length])))
+
+    @cached_property
+    def lowest_m(self) -> float:
+        """Height of its lowest point in the world, metres."""
+        return float(self.bounds_m(self.T_world_thing)[0, 2])
 
 
 def box(size_m: ArrayLike, centre_m: ArrayLike, rgb: Rgb, contrast: float = 0.15, pattern: Pattern = "plain") -> Part:

@@ -77,7 +77,7 @@ def _true_object(
     x, z = points_m[:, 0], points_m[:, 2]
     nearest = float(np.percentile(z, NEAREST_FACE_PERCENT))
     face = x[z <= nearest + FACE_DEPTH_M]
-    foot = _on_height(scene, (face.min() + face.max()) / 2, nearest, thing.bounds_m(thing.T_world_thing)[0, 2])
+    foot = _on_height(scene, (face.min() + face.max()) / 2, nearest, thing.lowest_m)
     (u0, v0), (u1, v1) = pixels.min(0).tolist(), pixels.max(0).tolist()
     return TrueObject(
         thing.id,
