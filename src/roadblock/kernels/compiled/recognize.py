@@ -19,6 +19,7 @@ from roadblock.kernels.reference.recognize import (
     EDGE_LEVELS,
     END_SHARE,
     FAR_M,
+    FIGURES,
     FOOT_LOW_M,
     FOOT_M,
     GAIN_LIMITS,
@@ -303,30 +304,31 @@ def pick_colors(
     colors: NDArray[np.uint8], uvd: Floats, bounds: NDArray[np.int32], step_px: int, samples: NDArray[np.uint8]
 ) -> None:
     """See `reference.recognize.pick_colors`."""
-    rows, columns = colors.shape[:2]
-    own = samples.shape[1] - BACKGROUND
+    last_row, last_column = colors.shape[0] - 1, colors.shape[1] - 1
+    own, step = samples.shape[1] - BACKGROUND, float(step_px)  # whole numbers are divided as floats: much faster
     for k in range(len(samples)):
         a, n = int(bounds[k]), int(bounds[k + 1] - bounds[k])
-        left, right = columns - 1, 0
+        left, right = last_column, 0
         end, middle = a, 0.0
         for s in range(own):
-            i = a + s * n // own
+            i = a + int(s * n / own)
+            u, v = uvd[i, 0], uvd[i, 1]
             if i >= end:  # the first one of another row
                 begin, end = i, i + 1
-                while begin > a and uvd[begin - 1, 1] == uvd[i, 1]:
+                while begin > a and uvd[begin - 1, 1] == v:
                     begin -= 1
-                while end < a + n and uvd[end, 1] == uvd[i, 1]:
+                while end < a + n and uvd[end, 1] == v:
                     end += 1
                 middle = (uvd[begin, 0] + uvd[end - 1, 0]) / 2
-            row, column = min(int(uvd[i, 1]) // step_px, rows - 1), min(int(uvd[i, 0]) // step_px, columns - 1)
+            row, column = min(int(v / step), last_row), min(int(u / step), last_column)
             left, right = min(left, column), max(right, column)
-            column = min(int(middle + INNER * (uvd[i, 0] - middle)) // step_px, columns - 1)
+            column = min(int((middle + INNER * (u - middle)) / step), last_column)
             for c in range(3):
                 samples[k, s, c] = colors[row, column, c]
         for s in range(BACKGROUND):
             i = a + s * n // BACKGROUND
-            row, away = min(int(uvd[i, 1]) // step_px, rows - 1), 2 + s // 2 % 4
-            column = max(left - away, 0) if s % 2 else min(right + away, columns - 1)
+            row, away = min(int(uvd[i, 1] / step), last_row), 2 + (s >> 1 & 3)
+            column = max(left - away, 0) if s & 1 else min(right + away, last_column)
             for c in range(3):
                 samples[k, own + s, c] = colors[row, column, c]
 
@@ -345,11 +347,45 @@ def pick_road(colors: NDArray[np.uint8], samples: NDArray[np.uint8]) -> None:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def middle_color(colors: NDArray[np.uint8], out: Floats) -> None:
+    """See `reference.recognize.middle_color`."""
+    counts = np.zeros((256, 3), np.int32)
+    for s in range(len(colors)):
+        for c in range(3):
+            counts[colors[s, c], c] += 1
+    for c in range(3):
+        level, below = 0, counts[0, c]
+        while below <= len(colors) // 2:
+            level += 1
+            below += counts[level, c]
+        out[c] = level
+
+
+END_COS, END_SIN = np.cos(np.radians(HUE_ENDS_DEG)), np.sin(np.radians(HUE_ENDS_DEG))
+UPPER = int(np.searchsorted(HUE_ENDS_DEG, 180))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def hue_of(a: float, b: float) -> int:
+    """Return in which hue of `HUE_ENDS_DEG` the angle of a and b lies, without working it out."""
+    name = 0
+    if b >= 0:
+        for k in range(UPPER):
+            name += END_COS[k] * b >= END_SIN[k] * a
+        return name
+    for k in range(UPPER, HUES):
+        name += END_COS[k] * b >= END_SIN[k] * a
+    name += UPPER
+    return name if name < HUES else 0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def tally_colors(lab: NDArray[np.uint8], road_lab: Floats, out: Floats) -> None:
     """See `reference.recognize.tally_colors`."""
     own = lab.shape[1] - BACKGROUND
     grey = np.empty(own)
     gain = min(max((ROAD_L + 16) / (road_lab[0] + 16), GAIN_LIMITS[0]), GAIN_LIMITS[1])
+    per_light = 1 / max(road_lab[0], 1.0)
     behind = np.empty(HUES)
     for k in range(len(lab)):
         out[k] = 0.0
@@ -357,26 +393,22 @@ def tally_colors(lab: NDArray[np.uint8], road_lab: Floats, out: Floats) -> None:
         greys, lightness, squares = 0, 0.0, 0.0
         for s in range(own + BACKGROUND):
             light = lab[k, s, 0] * (100 / 255)
-            tint = min(light / max(road_lab[0], 1.0), 1.5)
+            tint = min(light * per_light, 1.5)
             a = gain * (lab[k, s, 1] - 128.0 - tint * road_lab[1])
             b = gain * (lab[k, s, 2] - 128.0 - tint * road_lab[2])
             light = max((light + 16) * gain - 16, 0.0)
             if s < own:
                 lightness += light
                 squares += light * light
-            if a * a + b * b < (GREY_LEAST + GREY_SHARE * light) ** 2:
-                if s >= own:
-                    continue
-                grey[greys] = light
-                greys += 1
-                out[k, 4 * HUES + 2] += a
-                out[k, 4 * HUES + 3] += b
+            least = GREY_LEAST + GREY_SHARE * light
+            if a * a + b * b < least * least:
+                if s < own:
+                    grey[greys] = light
+                    greys += 1
+                    out[k, 4 * HUES + 2] += a
+                    out[k, 4 * HUES + 3] += b
                 continue
-            hue = np.degrees(np.arctan2(b, a)) % 360
-            name = 0
-            while name < HUES and hue >= HUE_ENDS_DEG[name]:
-                name += 1
-            name %= HUES
+            name = hue_of(a, b)
             if s >= own:
                 behind[name] += 1.0
                 continue
@@ -385,8 +417,9 @@ def tally_colors(lab: NDArray[np.uint8], road_lab: Floats, out: Floats) -> None:
             out[k, 4 * name + 2] += a
             out[k, 4 * name + 3] += b
         for name in range(HUES):
+            per_one = 1 / max(out[k, 4 * name], 1.0)
             for c in range(1, 4):
-                out[k, 4 * name + c] /= max(out[k, 4 * name], 1.0)
+                out[k, 4 * name + c] *= per_one
             out[k, 4 * name] = max(out[k, 4 * name] / own - SEEN_THROUGH * behind[name] / BACKGROUND, 0.0)
         out[k, 4 * HUES] = greys / own
         out[k, 4 * HUES + 1] = quantile_of(grey[:greys], BODY_SHARE) if greys else np.nan
@@ -395,6 +428,21 @@ def tally_colors(lab: NDArray[np.uint8], road_lab: Floats, out: Floats) -> None:
         mean = lightness / own
         out[k, 4 * HUES + 4] = mean
         out[k, 4 * HUES + 5] = np.sqrt(max(squares / own - mean * mean, 0.0))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def sum_up_colors(colors: Floats, out: Floats) -> None:
+    """See `reference.recognize.sum_up_colors`."""
+    for k in range(len(colors)):
+        row = colors[k]
+        out[k, FIGURES] = row[4 * 4]
+        out[k, FIGURES + 1] = row[4 * 1] + row[4 * 2]
+        out[k, FIGURES + 2] = row[4 * 3]
+        out[k, FIGURES + 3] = row[4 * 5] + row[4 * 6]
+        out[k, FIGURES + 4] = row[4 * HUES]
+        out[k, FIGURES + 5] = row[4 * HUES + 4] / 25
+        out[k, FIGURES + 6] = row[4 * HUES + 5] / 25
+        out[k, FIGURES + 7] = 1.0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -465,13 +513,17 @@ def least_but(values: Floats, strays: int, sign: int) -> float:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def trace_thing(half: Gray, uvd: Floats, feet: Floats, box: Floats, edges: Floats, contour: NDArray[np.int32]) -> int:
-    """See `reference.recognize.trace_thing`; `feet` (n,) is down to which row each cell is seen."""
+    """See `reference.recognize.trace_thing`.
+
+    `feet` (n,) is down to which row each cell is seen; `box` holds the principal column, the baseline and the lower
+    end of the thing's box.
+    """
     n = len(uvd)
     pitch = pitch_of(uvd[:PITCH_CELLS])
     v0, v1 = np.inf, -np.inf
     for i in range(n):
         v0, v1 = min(v0, uvd[i, 1] - 2), max(v1, feet[i])
-    v0, v1 = max(v0, 0.0), min(v1, box[3])
+    v0, v1 = max(v0, 0.0), min(v1, box[2])
     # From the cells' edges to the image's, first at the upper end.
     reach = (pitch / 2 + REACH_PX) / 2
     if v0 > 4:
@@ -534,7 +586,7 @@ def trace_thing(half: Gray, uvd: Floats, feet: Floats, box: Floats, edges: Float
                 count += 1
             if off < near_off:
                 near_d, near_off = uvd[i, 2], off
-        edges[side] = (ends[side] - box[4]) * box[5] / (total / count if count else near_d)
+        edges[side] = (ends[side] - box[0]) * box[1] / (total / count if count else near_d)
     edges[2], edges[3] = top, v1
     return m
 
@@ -544,7 +596,7 @@ def trace_things(
     half: Gray,
     uvd: Floats,
     bounds: NDArray[np.int32],
-    boxes: NDArray[np.int32],
+    bottoms: Floats,
     twin: Floats,
     road: Floats,
     edges: Floats,
@@ -554,21 +606,24 @@ def trace_things(
     """See `reference.recognize.trace_things`."""
     f, cx, cy, baseline = twin
     n_x, n_y, n_z, height_m, bend = road
-    box = np.empty(6)
-    box[4], box[5] = cx, baseline
-    for k in range(len(bounds) - 1):
+    most = 0
+    for k in range(len(counts)):
+        most = max(most, bounds[k + 1] - bounds[k])
+    all_feet, box = np.empty(most), np.empty(3)
+    box[0], box[1] = cx, baseline
+    for k in range(len(counts)):
         cells = uvd[bounds[k] : bounds[k + 1]]
-        feet = np.empty(len(cells))
+        feet = all_feet[: len(cells)]
         for i in range(len(cells)):
-            u, v, d = cells[i, 0], cells[i, 1], cells[i, 2]
-            per_px = baseline / d
-            z, height = f * per_px, FOOT_M
-            if n_x == n_x:
-                x, y = (u - cx) * per_px - baseline / 2, (v - cy) * per_px
+            feet[i] = cells[i, 1] + 2
+        if n_x == n_x:
+            for i in range(len(cells)):
+                u, v, per_px = cells[i, 0], cells[i, 1], baseline / cells[i, 2]
+                x, y, z = (u - cx) * per_px - baseline / 2, (v - cy) * per_px, f * per_px
                 height = n_x * x + n_y * y + n_z * z + height_m - bend * z * z
-            feet[i] = max(v + 2, v + height / per_px) if height < FOOT_M else v + 2
-        for c in range(4):
-            box[c] = boxes[k, c]
+                foot = max(v + 2, v + height / per_px)
+                feet[i] = foot if height < FOOT_M else v + 2
+        box[2] = bottoms[k]
         counts[k] = trace_thing(half, cells, feet, box, edges[k], contours[k])
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from roadblock.geometry.pose import vehicle_from_car
-from roadblock.kernels.compiled.judge import place_outlines, size_things
+from roadblock.kernels.compiled.judge import lift_contours, place_outlines, size_things
 from roadblock.stages.recognize.color import call_colors
 from roadblock.stages.recognize.settings import RecognizeSettings
 from roadblock.stages.recognize.survey import Survey, survey
@@ -17,8 +17,6 @@ from roadblock.values.scene import Detections, Obstacle, Region, road_numbers
 
 LONGEST_END_M = {"car": 2.2, "truck": 3.0}
 """Front and back of a vehicle are no wider: a longer side runs along it, a shorter one across it."""
-CLEARANCE_M = 0.15
-"""So far over the road vehicles end, at the face seen nearest: below it one sees the road under them."""
 
 
 class ShapeRecognizer:
@@ -80,33 +78,24 @@ class ShapeRecognizer:
         looks: Sequence[dict[str, object]],
     ) -> list[dict[str, object]]:
         """Return contour, size, outline and direction of each thing."""
-        n = len(obstacles)
-        u_px, range_m, sigma_m, end_m = np.array(
-            [
-                (o.uvd_px[0], o.range_m, o.range_sigma_m, LONGEST_END_M.get(str(look["label"]), 0.0))
-                for o, look in zip(obstacles, looks, strict=True)
-            ]
-        ).T.copy()
-        contours = [contour[:count] for contour, count in zip(seen.contours, seen.counts.tolist(), strict=True)]
-        for i in np.flatnonzero(end_m):
-            v_px = contours[i][:, 1]
-            clear_px = min(round(CLEARANCE_M * r.f_px / range_m[i]), np.ptp(v_px) // 2)
-            np.minimum(v_px, v_px.max() - clear_px, out=v_px)
-        road = road_numbers(found.ground)
+        n, road = len(obstacles), road_numbers(found.ground)
+        u_px, range_m, sigma_m = np.array([(o.uvd_px[0], o.range_m, o.range_sigma_m) for o in obstacles]).T.copy()
+        end_m = np.array([LONGEST_END_M.get(str(look["label"]), 0.0) for look in looks])
+        lift_contours(seen.contours, seen.counts, end_m, range_m, r.f_px)
         sizes, sigmas = np.array([o.size_m for o in obstacles]), np.empty((n, 3))
         size_things(seen.edges, u_px, range_m, sigma_m, r.numbers, road, sizes, sigmas)
         corners, headings = np.empty((n, 4, 2)), np.empty((n, 2))
         place_outlines(seen.outlines, end_m, sigma_m, road, self._T_vehicle_car, corners, headings)
         return [
             {
-                "contour_px": contour,
+                "contour_px": contour[:count],
                 "size_m": size,
                 "size_sigma_m": sigma,
                 "outline_m": outline,
                 "heading_rad": heading,
                 "heading_sigma_rad": heading_sigma,
             }
-            for contour, size, sigma, outline, (heading, heading_sigma) in zip(
-                contours, sizes, sigmas, corners, headings.tolist(), strict=True
+            for contour, count, size, sigma, outline, (heading, heading_sigma) in zip(
+                seen.contours, seen.counts.tolist(), sizes, sigmas, corners, headings.tolist(), strict=True
             )
         ]

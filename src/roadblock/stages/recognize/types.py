@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.kernels.compiled.judge import judge_types
-from roadblock.stages.recognize.survey import INPUTS
+from roadblock.kernels.reference.recognize import INPUTS
 from roadblock.values.checks import FloatArray
 
 UNKNOWN = "unknown"
