@@ -1,5 +1,6 @@
 """`shape`: type, colour, contour and outline of every obstacle, without any network."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -51,11 +52,10 @@ class ShapeRecognizer:
         if not obstacles:
             return ()
         seen = survey(pair, found, regions)
-        looks = self._looks(seen)
-        if np.isnan(found.matched_share):  # it keeps its own shapes
-            return tuple(o.recognized(**look) for o, look in zip(obstacles, looks, strict=True))
-        shapes = self._shapes(seen, pair.rectification, found, obstacles, looks)
-        return tuple(o.recognized(**look, **shape) for o, look, shape in zip(obstacles, looks, shapes, strict=True))
+        known = self._looks(seen)
+        if not math.isnan(found.matched_share):  # else it keeps its own shapes
+            self._add_shapes(known, seen, pair.rectification, found, obstacles)
+        return tuple(o.recognized(**more) for o, more in zip(obstacles, known, strict=True))
 
     def _looks(self, seen: Survey) -> list[dict[str, object]]:
         """Return type and colour of each thing."""
@@ -69,33 +69,26 @@ class ShapeRecognizer:
                 look["color"], look["colors"], look["color_lab"] = names[0], names, lab
         return looks
 
-    def _shapes(
+    def _add_shapes(
         self,
+        known: Sequence[dict[str, object]],
         seen: Survey,
         r: Rectification,
         found: Detections,
         obstacles: Sequence[Obstacle],
-        looks: Sequence[dict[str, object]],
-    ) -> list[dict[str, object]]:
-        """Return contour, size, outline and direction of each thing."""
+    ) -> None:
+        """Add contour, size, outline and direction of each thing to what is known of it."""
         n, road = len(obstacles), road_numbers(found.ground)
         u_px, range_m, sigma_m = np.array([(o.uvd_px[0], o.range_m, o.range_sigma_m) for o in obstacles]).T.copy()
-        end_m = np.array([LONGEST_END_M.get(str(look["label"]), 0.0) for look in looks])
+        end_m = np.array([LONGEST_END_M.get(str(more["label"]), 0.0) for more in known])
         lift_contours(seen.contours, seen.counts, end_m, range_m, r.f_px)
         sizes, sigmas = np.array([o.size_m for o in obstacles]), np.empty((n, 3))
         size_things(seen.edges, u_px, range_m, sigma_m, r.numbers, road, sizes, sigmas)
         corners, headings = np.empty((n, 4, 2)), np.empty((n, 2))
         place_outlines(seen.outlines, end_m, sigma_m, road, self._T_vehicle_car, corners, headings)
-        return [
-            {
-                "contour_px": contour[:count],
-                "size_m": size,
-                "size_sigma_m": sigma,
-                "outline_m": outline,
-                "heading_rad": heading,
-                "heading_sigma_rad": heading_sigma,
-            }
-            for contour, count, size, sigma, outline, (heading, heading_sigma) in zip(
-                seen.contours, seen.counts.tolist(), sizes, sigmas, corners, headings.tolist(), strict=True
-            )
-        ]
+        for more, contour, count, size, sigma, outline, (heading, heading_sigma) in zip(
+            known, seen.contours, seen.counts.tolist(), sizes, sigmas, corners, headings.tolist(), strict=True
+        ):
+            more["contour_px"], more["outline_m"] = contour[:count], outline
+            more["size_m"], more["size_sigma_m"] = size, sigma
+            more["heading_rad"], more["heading_sigma_rad"] = heading, heading_sigma
