@@ -13,10 +13,12 @@ NOWHERE = np.full(5, np.nan)
 BOTH = (compiled, reference)
 
 
-def test_odds_are_the_same() -> None:
+@pytest.mark.parametrize(("hidden", "classes"), [(5, 4), (16, 8), (37, 11)])
+def test_odds_are_the_same(hidden: int, classes: int) -> None:
     rng = np.random.default_rng(0)
-    layers = [rng.normal(size=shape).astype(np.float32) for shape in ((9,), (9,), (9, 5), (5,), (5, 4), (4,))]
-    inputs, found = 4 * rng.normal(size=(30, 9)), np.empty((2, 30, 4))
+    shapes = ((9,), (9,), (9, hidden), (hidden,), (hidden, classes), (classes,))
+    layers = [rng.normal(size=shape).astype(np.float32) for shape in shapes]
+    inputs, found = 4 * rng.normal(size=(30, 9)), np.empty((2, 30, classes))
     for kernels, odds in zip(BOTH, found, strict=True):
         kernels.judge_types(inputs, *layers, odds)
     np.testing.assert_allclose(*found, atol=2e-5)
@@ -58,6 +60,18 @@ def test_sizes_and_places_are_the_same(road: np.ndarray) -> None:
     for mine, theirs in zip(*found, strict=True):
         np.testing.assert_allclose(mine, theirs, atol=1e-9)
     assert 0.2 < np.isnan(found[0][3]).mean() < 0.9
+
+
+def test_contours_are_lifted_alike() -> None:
+    rng = np.random.default_rng(4)
+    contours, counts = rng.integers(0, 140, (30, 20, 2)).astype(np.int32), rng.integers(4, 21, 30).astype(np.int32)
+    contours[::4, :, 1] //= 40
+    end_m, range_m = rng.choice((0.0, 2.2), 30), rng.uniform(3, 40, 30)
+    found = contours.copy(), contours.copy()
+    for kernels, lifted in zip(BOTH, found, strict=True):
+        kernels.lift_contours(lifted, counts, end_m, range_m, 410.0)
+    np.testing.assert_array_equal(*found)
+    assert 0.2 < (found[0] != contours).any(axis=(1, 2)).mean() < 0.8
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ NOWHERE = np.full(5, np.nan)
 
 
 def things(seed: int, w: int = 4) -> tuple[np.ndarray, ...]:
-    """Return half an image, cells of seven things (one a single cell, one a single row), bounds and boxes."""
+    """Return half an image, cells of seven things (one a single cell, one a single row), bounds and lowest rows."""
     rng = np.random.default_rng(seed)
     half = rng.integers(0, 256, (70, 152)).astype(np.uint8)
     half[20:60, 40:90] //= 4
@@ -27,7 +27,7 @@ def things(seed: int, w: int = 4) -> tuple[np.ndarray, ...]:
         cells.append(np.stack([u[kept], v[kept], d[kept]], -1))
         boxes.append((c * w, r * 4, (c + columns) * w, min((r + rows) * 4 + 9, 141)))
     bounds = np.cumsum([0, *map(len, cells)]).astype(np.int32)
-    return half, np.concatenate(cells), bounds, np.array(boxes, np.int32)
+    return half, np.concatenate(cells), bounds, np.array(boxes, float)[:, 3]
 
 
 @pytest.mark.parametrize("road", [ROAD, NOWHERE], ids=["road", "nowhere"])
@@ -63,18 +63,35 @@ def test_colours_are_the_same(seed: int) -> None:
             compiled.tally_colors(lab, road, mine)
             reference.tally_colors(lab, road, theirs)
             np.testing.assert_allclose(mine, theirs, atol=1e-5)
+            summaries = np.zeros((2, 9, reference.INPUTS))
+            compiled.sum_up_colors(mine, summaries[0])
+            reference.sum_up_colors(mine, summaries[1])
+            np.testing.assert_allclose(*summaries)
+    for count in (1, 6, 63):
+        medians = np.empty((2, 3))
+        compiled.middle_color(colors[0, :count], medians[0])
+        reference.middle_color(colors[0, :count], medians[1])
+        np.testing.assert_array_equal(*medians)
+
+
+def test_hues_are_those_of_their_angles() -> None:
+    rng = np.random.default_rng(3)
+    ab = np.concatenate([rng.normal(0, 30, (500, 2)), [(1, 0), (-1, 0), (0, 1), (0, -1), (1, -1e-9)]])
+    found = [compiled.hue_of(a, b) for a, b in ab]
+    expected = np.digitize(np.degrees(np.arctan2(ab[:, 1], ab[:, 0])) % 360, reference.HUE_ENDS_DEG) % reference.HUES
+    np.testing.assert_array_equal(found, expected)
 
 
 @pytest.mark.parametrize("road", [ROAD, NOWHERE], ids=["road", "nowhere"])
 @pytest.mark.parametrize("seed", range(6))
 def test_contours_are_the_same(seed: int, road: np.ndarray) -> None:
-    half, uvd, bounds, boxes = things(seed, 4 + 4 * (seed % 2))
+    half, uvd, bounds, bottoms = things(seed, 4 + 4 * (seed % 2))
     found, expected = (
         (np.full((7, 4), np.nan), np.zeros((7, 2 * reference.ROWS, 2), np.int32), np.zeros(7, np.int32))
         for _ in range(2)
     )
-    compiled.trace_things(half, uvd, bounds, boxes, TWIN, road, *found)
-    reference.trace_things(half, uvd, bounds, boxes, TWIN, road, *expected)
+    compiled.trace_things(half, uvd, bounds, bottoms, TWIN, road, *found)
+    reference.trace_things(half, uvd, bounds, bottoms, TWIN, road, *expected)
     for mine, theirs in zip(found, expected, strict=True):
         np.testing.assert_allclose(mine, theirs, atol=1e-9)
 

@@ -399,6 +399,19 @@ def eight(typing: Any, number: Any) -> Any:
 
 
 @intrinsic
+def reals_of(typing: Any, lanes: Any) -> Any:
+    """Return eight bytes as numbers."""
+    if not isinstance(lanes, Lanes) or lanes.n != EIGHT.n:
+        return None
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        whole = builder.zext(args[0], ir.VectorType(WORD, EIGHT.n))
+        return builder.sitofp(whole, context.get_value_type(EIGHT))
+
+    return EIGHT(lanes), build
+
+
+@intrinsic
 def total(typing: Any, reals: Any) -> Any:
     """Return the sum of all lanes."""
 

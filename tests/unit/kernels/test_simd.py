@@ -126,7 +126,9 @@ def test_bytes_are_read_and_written_from_anywhere() -> None:
     np.testing.assert_array_equal(into, expected)
 
 
-@pytest.mark.parametrize("operation", ["load", "count_bits", "least", "reverse", "splat", "store", "load_bytes"])
+@pytest.mark.parametrize(
+    "operation", ["load", "count_bits", "least", "reverse", "splat", "store", "load_bytes", "reals_of"]
+)
 def test_other_types_are_refused(operation: str) -> None:
     function = getattr(simd, operation)
     n = {"load": 3, "splat": 2, "store": 4, "load_bytes": 4}.get(operation, 1)

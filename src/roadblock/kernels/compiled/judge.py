@@ -8,6 +8,7 @@ from roadblock.kernels.reference.judge import (
     BLACK,
     BLACK_L,
     BROWN,
+    CLEARANCE_M,
     CONTRAST,
     EDGE_PX,
     GRAY,
@@ -31,10 +32,24 @@ from roadblock.kernels.reference.judge import (
     YELLOW,
 )
 from roadblock.kernels.reference.recognize import HUES
+from roadblock.kernels.simd import eight, load_reals, store_reals
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Codes = NDArray[np.int64]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def hyperbolic_tangents(values: Singles) -> None:
+    """Overwrite values with their hyperbolic tangents: Lambert's fraction of each half, then the double's formula."""
+    one, limit = np.float32(1.0), np.float32(9.5)
+    a, b, c = np.float32(378.0), np.float32(17325.0), np.float32(135135.0)
+    d, e, f = np.float32(28.0), np.float32(3150.0), np.float32(62370.0)
+    for i in range(len(values)):
+        half = np.float32(0.5) * min(max(values[i], -limit), limit)
+        q = half * half
+        t = half * (((q + a) * q + b) * q + c) / (((d * q + e) * q + f) * q + c)
+        values[i] = (t + t) / (one + t * t)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -49,24 +64,65 @@ def judge_types(
     odds: Floats,
 ) -> None:
     """See `reference.judge.judge_types`."""
-    inner, scores = np.empty(len(hidden_bias), np.float32), np.empty(len(output_bias))
-    limit = np.float32(LIMIT)
-    for k in range(len(inputs)):
-        inner[:] = hidden_bias
-        for i in range(len(mean)):
-            scaled = min(max((np.float32(inputs[k, i]) - mean[i]) * per_spread[i], -limit), limit)
-            for j in range(len(inner)):
-                inner[j] += scaled * hidden[i, j]
-        scores[:] = output_bias
-        for j in range(len(inner)):
-            active = 1 - 2 / (np.exp(2 * np.float64(inner[j])) + 1)  # tanh
-            for c in range(len(scores)):
-                scores[c] += active * output[j, c]
-        highest, total = scores.max(), 0.0
-        for c in range(len(scores)):
-            odds[k, c] = np.exp(scores[c] - highest)
+    n, m, h = len(inputs), len(mean), len(hidden_bias)
+    scaled, limit = np.zeros((n + 3, m), np.float32), np.float32(LIMIT)  # for whole fours of things
+    for k in range(n):
+        for i in range(m):
+            scaled[k, i] = min(max((np.float32(inputs[k, i]) - mean[i]) * per_spread[i], -limit), limit)
+    inner = np.empty((n + 3, h), np.float32)
+    for k in range(0, n, 4):
+        for j in range(0, h - 15, 16):
+            a0 = b0 = c0 = d0 = eight(0.0)
+            a1 = b1 = c1 = d1 = eight(0.0)
+            for i in range(m):
+                w0, w1 = load_reals(hidden, i, j), load_reals(hidden, i, j + 8)
+                a, b, c, d = (
+                    eight(scaled[k, i]),
+                    eight(scaled[k + 1, i]),
+                    eight(scaled[k + 2, i]),
+                    eight(scaled[k + 3, i]),
+                )
+                a0, a1, b0, b1 = a0 + a * w0, a1 + a * w1, b0 + b * w0, b1 + b * w1
+                c0, c1, d0, d1 = c0 + c * w0, c1 + c * w1, d0 + d * w0, d1 + d * w1
+            store_reals(inner, k, j, a0)
+            store_reals(inner, k, j + 8, a1)
+            store_reals(inner, k + 1, j, b0)
+            store_reals(inner, k + 1, j + 8, b1)
+            store_reals(inner, k + 2, j, c0)
+            store_reals(inner, k + 2, j + 8, c1)
+            store_reals(inner, k + 3, j, d0)
+            store_reals(inner, k + 3, j + 8, d1)
+    for k in range(n):
+        for j in range(h // 16 * 16, h):
+            inner[k, j] = 0.0
+            for i in range(m):
+                inner[k, j] += scaled[k, i] * hidden[i, j]
+        for j in range(h):
+            inner[k, j] += hidden_bias[j]
+        hyperbolic_tangents(inner[k])
+    classes, padded = len(output_bias), (len(output_bias) + 7) // 8 * 8
+    ends, scores = np.zeros((h, padded), np.float32), np.empty((n + 3, padded), np.float32)
+    ends[:, :classes] = output
+    for k in range(0, n, 4):
+        for j in range(0, classes, 8):
+            a0 = b0 = c0 = d0 = eight(0.0)
+            for i in range(h):
+                w0 = load_reals(ends, i, j)
+                a0, b0 = a0 + eight(inner[k, i]) * w0, b0 + eight(inner[k + 1, i]) * w0
+                c0, d0 = c0 + eight(inner[k + 2, i]) * w0, d0 + eight(inner[k + 3, i]) * w0
+            store_reals(scores, k, j, a0)
+            store_reals(scores, k + 1, j, b0)
+            store_reals(scores, k + 2, j, c0)
+            store_reals(scores, k + 3, j, d0)
+    for k in range(n):
+        highest, total = np.float32(-np.inf), 0.0
+        for c in range(classes):
+            scores[k, c] += output_bias[c]
+            highest = max(highest, scores[k, c])
+        for c in range(classes):
+            odds[k, c] = np.exp(np.float64(scores[k, c] - highest))
             total += odds[k, c]
-        for c in range(len(scores)):
+        for c in range(classes):
             odds[k, c] /= total
 
 
@@ -134,6 +190,20 @@ def size_things(
         sigmas[k, 0] = np.sqrt(2 * (EDGE_PX * per_px) ** 2 + (relative + WIDTH_SHARE**2) * sizes[k, 0] ** 2)
         sigmas[k, 1] = np.sqrt((ROW_PX * per_px) ** 2 + ROAD_M**2 + relative * sizes[k, 1] ** 2)
         sigmas[k, 2] = np.hypot(2 * sigma_m[k], 0.1 * sizes[k, 2])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def lift_contours(
+    contours: NDArray[np.int32], counts: NDArray[np.int32], longest_end_m: Floats, range_m: Floats, f_px: float
+) -> None:
+    """See `reference.judge.lift_contours`."""
+    for k in range(len(counts)):
+        if longest_end_m[k] > 0:
+            rows = contours[k, : counts[k], 1]
+            low = rows.max()
+            last = low - min(int(np.rint(CLEARANCE_M * f_px / range_m[k])), (low - rows.min()) // 2)
+            for i in range(len(rows)):
+                rows[i] = min(rows[i], last)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

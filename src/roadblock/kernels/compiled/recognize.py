@@ -1,5 +1,7 @@
 """What recognition measures of every region of a frame, in one call: figures of shape, looks and surroundings."""
 
+from typing import Any
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from roadblock.kernels.reference.recognize import (
     EDGE_LEVELS,
     END_SHARE,
     FAR_M,
+    FIGURES,
     FOOT_LOW_M,
     FOOT_M,
     GAIN_LIMITS,
@@ -56,6 +59,7 @@ from roadblock.kernels.reference.recognize import (
     UNLIKELY,
     WIDE,
 )
+from roadblock.kernels.simd import either, load_bytes, reals_of, store_reals, subtract, zeros
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -147,33 +151,55 @@ def measure_shape(
         out[k] *= COLUMNS * LAYERS / n
 
 
+ACROSS_LOOKS = CELLS_WIDE * PATCH_STEP
+ONE = np.uint64(1)
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def measure_looks(half: Gray, u0: float, v0: float, u1: float, v1: float, across: Ints, out: Floats) -> None:
+def add_steepness(steps: Units, sums: Singles) -> None:
+    """Add (2, n) gradients, to the right and down, to (4, n) sums of upright, slanted, level and other-slanted ones."""
+    for j in range(ACROSS_LOOKS):
+        gx, gy = steps[0, j], steps[1, j]
+        ax, ay = np.int32(10000) * abs(gx), np.int32(10000) * abs(gy)
+        size = np.sqrt(np.float32(gx * gx + gy * gy))
+        is_upright, is_level = ay < np.int32(4142) * abs(gx), ax < np.int32(4142) * abs(gy)
+        slanted = np.float32(0.0) if is_upright or is_level else size
+        one = slanted if gx * gy > 0 else np.float32(0.0)
+        sums[0, j] += size if is_upright else np.float32(0.0)
+        sums[1, j] += one
+        sums[2, j] += size if is_level else np.float32(0.0)
+        sums[3, j] += slanted - one
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def measure_looks(
+    half: Gray, u0: float, v0: float, u1: float, v1: float, across: NDArray[np.uint64], out: Floats
+) -> None:
     """See `reference.recognize.measure_looks`; `across` is overwritten."""
     rows, columns = half.shape
-    high, wide = CELLS_HIGH * PATCH_STEP, CELLS_WIDE * PATCH_STEP
-    for j in range(wide):
-        across[j] = min(max(int((u0 + (j + 0.5) * (u1 - u0) / wide) / 2), 1), columns - 2)
+    high = CELLS_HIGH * PATCH_STEP
+    for j in range(ACROSS_LOOKS):
+        across[j] = min(max(int((u0 + (j + 0.5) * (u1 - u0) / ACROSS_LOOKS) / 2), 1), columns - 2)
+    steps, sums = np.empty((2, ACROSS_LOOKS), np.int32), np.empty((TURNS, ACROSS_LOOKS), np.float32)
     total = 0.0
-    out[:] = 0.0
-    for i in range(high):
-        y = min(max(int((v0 + (i + 0.5) * (v1 - v0) / high) / 2), 1), rows - 2)
-        first = i // PATCH_STEP * CELLS_WIDE * TURNS
-        for cell in range(CELLS_WIDE):
-            at = first + cell * TURNS
-            for j in range(cell * PATCH_STEP, (cell + 1) * PATCH_STEP):
+    for band in range(CELLS_HIGH):
+        sums[:] = 0.0
+        for i in range(band * PATCH_STEP, (band + 1) * PATCH_STEP):
+            y = min(max(int((v0 + (i + 0.5) * (v1 - v0) / high) / 2), 1), rows - 2)
+            above, here, below = half[y - 1], half[y], half[y + 1]
+            for j in range(ACROSS_LOOKS):
                 x = across[j]
-                gx = np.int64(half[y, x + 1]) - np.int64(half[y, x - 1])
-                gy = np.int64(half[y + 1, x]) - np.int64(half[y - 1, x])
-                ax, ay = abs(gx), abs(gy)
-                # Upright, level, and the two slants.
-                turn = 1 if gx * gy > 0 else 3
-                turn = 2 if 10000 * ax < 4142 * ay else turn
-                turn = 0 if 10000 * ay < 4142 * ax else turn
-                size = np.sqrt(float(gx * gx + gy * gy))
-                out[at + turn] += size
+                steps[0, j] = np.int32(here[x + ONE]) - np.int32(here[x - ONE])
+                steps[1, j] = np.int32(below[x]) - np.int32(above[x])
+            add_steepness(steps, sums)
+        for cell in range(CELLS_WIDE):
+            for turn in range(TURNS):
+                size = 0.0
+                for j in range(cell * PATCH_STEP, (cell + 1) * PATCH_STEP):
+                    size += np.float64(sums[turn, j])
+                out[(band * CELLS_WIDE + cell) * TURNS + turn] = size
                 total += size
-    count, bins = high * wide, CELLS_HIGH * CELLS_WIDE * TURNS
+    count, bins = high * ACROSS_LOOKS, CELLS_HIGH * CELLS_WIDE * TURNS
     for k in range(bins):
         out[k] = np.sqrt(out[k] / (total + count))
     out[bins] = np.log(total / count + 1.0)
@@ -254,7 +280,7 @@ def describe_things(
     f, cx, cy, baseline = twin
     n_x, n_y, n_z, height_m, bend = road
     things = len(bounds) - 1
-    scratch, some, across = np.empty(CELLS), np.empty((5, CELLS)), np.empty(CELLS_WIDE * PATCH_STEP, np.int64)
+    scratch, some, across = np.empty(CELLS), np.empty((5, CELLS)), np.empty(ACROSS_LOOKS, np.uint64)
     boxes, near, box = np.empty((things, 4)), np.empty(things), np.empty(4)
     for k in range(things):
         begin, count = int(bounds[k]), int(bounds[k + 1] - bounds[k])
@@ -303,30 +329,31 @@ def pick_colors(
     colors: NDArray[np.uint8], uvd: Floats, bounds: NDArray[np.int32], step_px: int, samples: NDArray[np.uint8]
 ) -> None:
     """See `reference.recognize.pick_colors`."""
-    rows, columns = colors.shape[:2]
-    own = samples.shape[1] - BACKGROUND
+    last_row, last_column = colors.shape[0] - 1, colors.shape[1] - 1
+    own, step = samples.shape[1] - BACKGROUND, float(step_px)  # whole numbers are divided as floats: much faster
     for k in range(len(samples)):
         a, n = int(bounds[k]), int(bounds[k + 1] - bounds[k])
-        left, right = columns - 1, 0
+        left, right = last_column, 0
         end, middle = a, 0.0
         for s in range(own):
-            i = a + s * n // own
+            i = a + int(s * n / own)
+            u, v = uvd[i, 0], uvd[i, 1]
             if i >= end:  # the first one of another row
                 begin, end = i, i + 1
-                while begin > a and uvd[begin - 1, 1] == uvd[i, 1]:
+                while begin > a and uvd[begin - 1, 1] == v:
                     begin -= 1
-                while end < a + n and uvd[end, 1] == uvd[i, 1]:
+                while end < a + n and uvd[end, 1] == v:
                     end += 1
                 middle = (uvd[begin, 0] + uvd[end - 1, 0]) / 2
-            row, column = min(int(uvd[i, 1]) // step_px, rows - 1), min(int(uvd[i, 0]) // step_px, columns - 1)
+            row, column = min(int(v / step), last_row), min(int(u / step), last_column)
             left, right = min(left, column), max(right, column)
-            column = min(int(middle + INNER * (uvd[i, 0] - middle)) // step_px, columns - 1)
+            column = min(int((middle + INNER * (u - middle)) / step), last_column)
             for c in range(3):
                 samples[k, s, c] = colors[row, column, c]
         for s in range(BACKGROUND):
             i = a + s * n // BACKGROUND
-            row, away = min(int(uvd[i, 1]) // step_px, rows - 1), 2 + s // 2 % 4
-            column = max(left - away, 0) if s % 2 else min(right + away, columns - 1)
+            row, away = min(int(uvd[i, 1] / step), last_row), 2 + (s >> 1 & 3)
+            column = max(left - away, 0) if s & 1 else min(right + away, last_column)
             for c in range(3):
                 samples[k, own + s, c] = colors[row, column, c]
 
@@ -345,11 +372,45 @@ def pick_road(colors: NDArray[np.uint8], samples: NDArray[np.uint8]) -> None:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def middle_color(colors: NDArray[np.uint8], out: Floats) -> None:
+    """See `reference.recognize.middle_color`."""
+    counts = np.zeros((256, 3), np.int32)
+    for s in range(len(colors)):
+        for c in range(3):
+            counts[colors[s, c], c] += 1
+    for c in range(3):
+        level, below = 0, counts[0, c]
+        while below <= len(colors) // 2:
+            level += 1
+            below += counts[level, c]
+        out[c] = level
+
+
+END_COS, END_SIN = np.cos(np.radians(HUE_ENDS_DEG)), np.sin(np.radians(HUE_ENDS_DEG))
+UPPER = int(np.searchsorted(HUE_ENDS_DEG, 180))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def hue_of(a: float, b: float) -> int:
+    """Return in which hue of `HUE_ENDS_DEG` the angle of a and b lies, without working it out."""
+    name = 0
+    if b >= 0:
+        for k in range(UPPER):
+            name += END_COS[k] * b >= END_SIN[k] * a
+        return name
+    for k in range(UPPER, HUES):
+        name += END_COS[k] * b >= END_SIN[k] * a
+    name += UPPER
+    return name if name < HUES else 0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def tally_colors(lab: NDArray[np.uint8], road_lab: Floats, out: Floats) -> None:
     """See `reference.recognize.tally_colors`."""
     own = lab.shape[1] - BACKGROUND
     grey = np.empty(own)
     gain = min(max((ROAD_L + 16) / (road_lab[0] + 16), GAIN_LIMITS[0]), GAIN_LIMITS[1])
+    per_light = 1 / max(road_lab[0], 1.0)
     behind = np.empty(HUES)
     for k in range(len(lab)):
         out[k] = 0.0
@@ -357,26 +418,22 @@ def tally_colors(lab: NDArray[np.uint8], road_lab: Floats, out: Floats) -> None:
         greys, lightness, squares = 0, 0.0, 0.0
         for s in range(own + BACKGROUND):
             light = lab[k, s, 0] * (100 / 255)
-            tint = min(light / max(road_lab[0], 1.0), 1.5)
+            tint = min(light * per_light, 1.5)
             a = gain * (lab[k, s, 1] - 128.0 - tint * road_lab[1])
             b = gain * (lab[k, s, 2] - 128.0 - tint * road_lab[2])
             light = max((light + 16) * gain - 16, 0.0)
             if s < own:
                 lightness += light
                 squares += light * light
-            if a * a + b * b < (GREY_LEAST + GREY_SHARE * light) ** 2:
-                if s >= own:
-                    continue
-                grey[greys] = light
-                greys += 1
-                out[k, 4 * HUES + 2] += a
-                out[k, 4 * HUES + 3] += b
+            least = GREY_LEAST + GREY_SHARE * light
+            if a * a + b * b < least * least:
+                if s < own:
+                    grey[greys] = light
+                    greys += 1
+                    out[k, 4 * HUES + 2] += a
+                    out[k, 4 * HUES + 3] += b
                 continue
-            hue = np.degrees(np.arctan2(b, a)) % 360
-            name = 0
-            while name < HUES and hue >= HUE_ENDS_DEG[name]:
-                name += 1
-            name %= HUES
+            name = hue_of(a, b)
             if s >= own:
                 behind[name] += 1.0
                 continue
@@ -385,8 +442,9 @@ def tally_colors(lab: NDArray[np.uint8], road_lab: Floats, out: Floats) -> None:
             out[k, 4 * name + 2] += a
             out[k, 4 * name + 3] += b
         for name in range(HUES):
+            per_one = 1 / max(out[k, 4 * name], 1.0)
             for c in range(1, 4):
-                out[k, 4 * name + c] /= max(out[k, 4 * name], 1.0)
+                out[k, 4 * name + c] *= per_one
             out[k, 4 * name] = max(out[k, 4 * name] / own - SEEN_THROUGH * behind[name] / BACKGROUND, 0.0)
         out[k, 4 * HUES] = greys / own
         out[k, 4 * HUES + 1] = quantile_of(grey[:greys], BODY_SHARE) if greys else np.nan
@@ -395,6 +453,21 @@ def tally_colors(lab: NDArray[np.uint8], road_lab: Floats, out: Floats) -> None:
         mean = lightness / own
         out[k, 4 * HUES + 4] = mean
         out[k, 4 * HUES + 5] = np.sqrt(max(squares / own - mean * mean, 0.0))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def sum_up_colors(colors: Floats, out: Floats) -> None:
+    """See `reference.recognize.sum_up_colors`."""
+    for k in range(len(colors)):
+        row = colors[k]
+        out[k, FIGURES] = row[4 * 4]
+        out[k, FIGURES + 1] = row[4 * 1] + row[4 * 2]
+        out[k, FIGURES + 2] = row[4 * 3]
+        out[k, FIGURES + 3] = row[4 * 5] + row[4 * 6]
+        out[k, FIGURES + 4] = row[4 * HUES]
+        out[k, FIGURES + 5] = row[4 * HUES + 4] / 25
+        out[k, FIGURES + 6] = row[4 * HUES + 5] / 25
+        out[k, FIGURES + 7] = 1.0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -414,28 +487,39 @@ def steepest(steps: Floats, middle: float, reach: float, first: int, least: floa
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def edge_near(half: Gray, row: int, cells_end: float, way: int, inward: float, scratch: Floats) -> float:
-    """See `reference.recognize.edge_near`; `scratch` is overwritten."""
+def steps_at(half: Gray, row: int, start: int) -> Any:
+    """Return how much grey levels change across eight columns of a row from `start` on."""
+    left, right = load_bytes(half, row, start - 1, zeros(8)), load_bytes(half, row, start + 1, zeros(8))
+    return reals_of(either(subtract(left, right), subtract(right, left)))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def edge_near(half: Gray, row: int, cells_end: float, way: int, inward: float, scratch: Singles) -> float:
+    """See `reference.recognize.edge_near`; `scratch` (1, 8) is overwritten: it looks at no more columns."""
     rows, columns = half.shape
     begin, end = cells_end - way * OUTWARD_PX / 2, cells_end + way * inward
     first, last = max(int(np.ceil(min(begin, end))), 1), min(int(np.floor(max(begin, end))), columns - 2)
-    above, below = max(row - 1, 0), min(row + 1, rows - 1)
-    best, at, likely = EDGE_LEVELS * (below - above + 1), -1, cells_end + way * min(LIKELY_PX / 2, inward)
-    seen = half[above : below + 1, first - 1 : last + 2]
-    for k in range(seen.shape[1] - 2):
-        step = 0.0
-        for y in range(seen.shape[0]):
-            step += abs(float(seen[y, k + 2]) - float(seen[y, k]))
-        scratch[k] = step
-        far = 1 + UNLIKELY * abs(first + k - likely)
+    likely = cells_end + way * min(LIKELY_PX / 2, inward)
+    start = min(first, columns - 9)
+    if start < 1:  # an image of a few columns
+        return likely
+    steps, seen = steps_at(half, row, start), 1
+    if row > 0:
+        steps, seen = steps + steps_at(half, row - 1, start), seen + 1
+    if row < rows - 1:
+        steps, seen = steps + steps_at(half, row + 1, start), seen + 1
+    store_reals(scratch, 0, 0, steps)
+    best, at = EDGE_LEVELS * seen, -1
+    for x in range(first, last + 1):
+        step, far = float(scratch[0, x - start]), 1 + UNLIKELY * abs(x - likely)
         if step > best * far:
-            best, at = step / far, k
+            best, at = step / far, x
     if at < 0:
         return likely
-    before = scratch[at - 1] if at > 0 else 0.0
-    after = scratch[at + 1] if first + at < last else 0.0
-    bend = 2 * scratch[at] - before - after
-    return first + at + (min(max((after - before) / (2 * bend), -0.5), 0.5) if bend > 0 else 0.0)
+    before = float(scratch[0, at - 1 - start]) if at > first else 0.0
+    after = float(scratch[0, at + 1 - start]) if at < last else 0.0
+    bend = 2 * float(scratch[0, at - start]) - before - after
+    return at + (min(max((after - before) / (2 * bend), -0.5), 0.5) if bend > 0 else 0.0)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -465,13 +549,17 @@ def least_but(values: Floats, strays: int, sign: int) -> float:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def trace_thing(half: Gray, uvd: Floats, feet: Floats, box: Floats, edges: Floats, contour: NDArray[np.int32]) -> int:
-    """See `reference.recognize.trace_thing`; `feet` (n,) is down to which row each cell is seen."""
+    """See `reference.recognize.trace_thing`.
+
+    `feet` (n,) is down to which row each cell is seen; `box` holds the principal column, the baseline and the lower
+    end of the thing's box.
+    """
     n = len(uvd)
     pitch = pitch_of(uvd[:PITCH_CELLS])
     v0, v1 = np.inf, -np.inf
     for i in range(n):
         v0, v1 = min(v0, uvd[i, 1] - 2), max(v1, feet[i])
-    v0, v1 = max(v0, 0.0), min(v1, box[3])
+    v0, v1 = max(v0, 0.0), min(v1, box[2])
     # From the cells' edges to the image's, first at the upper end.
     reach = (pitch / 2 + REACH_PX) / 2
     if v0 > 4:
@@ -501,7 +589,7 @@ def trace_thing(half: Gray, uvd: Floats, feet: Floats, box: Floats, edges: Float
             known = k
     for m in range(known + 1, rows):
         left[m], right[m] = left[known], right[known]
-    sharp_left, sharp_right, scratch = np.empty(rows), np.empty(rows), np.empty(64)
+    sharp_left, sharp_right, scratch = np.empty(rows), np.empty(rows), np.empty((1, 8), np.float32)
     for k in range(rows):
         y = min(int((v0 + (k + 0.5) * step) / 2), half.shape[0] - 1)
         inward = min(INWARD_PX, INWARD_SHARE * (right[k] - left[k])) / 2
@@ -534,7 +622,7 @@ def trace_thing(half: Gray, uvd: Floats, feet: Floats, box: Floats, edges: Float
                 count += 1
             if off < near_off:
                 near_d, near_off = uvd[i, 2], off
-        edges[side] = (ends[side] - box[4]) * box[5] / (total / count if count else near_d)
+        edges[side] = (ends[side] - box[0]) * box[1] / (total / count if count else near_d)
     edges[2], edges[3] = top, v1
     return m
 
@@ -544,7 +632,7 @@ def trace_things(
     half: Gray,
     uvd: Floats,
     bounds: NDArray[np.int32],
-    boxes: NDArray[np.int32],
+    bottoms: Floats,
     twin: Floats,
     road: Floats,
     edges: Floats,
@@ -554,48 +642,55 @@ def trace_things(
     """See `reference.recognize.trace_things`."""
     f, cx, cy, baseline = twin
     n_x, n_y, n_z, height_m, bend = road
-    box = np.empty(6)
-    box[4], box[5] = cx, baseline
-    for k in range(len(bounds) - 1):
+    most = 0
+    for k in range(len(counts)):
+        most = max(most, bounds[k + 1] - bounds[k])
+    all_feet, box = np.empty(most), np.empty(3)
+    box[0], box[1] = cx, baseline
+    for k in range(len(counts)):
         cells = uvd[bounds[k] : bounds[k + 1]]
-        feet = np.empty(len(cells))
+        feet = all_feet[: len(cells)]
         for i in range(len(cells)):
-            u, v, d = cells[i, 0], cells[i, 1], cells[i, 2]
-            per_px = baseline / d
-            z, height = f * per_px, FOOT_M
-            if n_x == n_x:
-                x, y = (u - cx) * per_px - baseline / 2, (v - cy) * per_px
+            feet[i] = cells[i, 1] + 2
+        if n_x == n_x:
+            for i in range(len(cells)):
+                u, v, per_px = cells[i, 0], cells[i, 1], baseline / cells[i, 2]
+                x, y, z = (u - cx) * per_px - baseline / 2, (v - cy) * per_px, f * per_px
                 height = n_x * x + n_y * y + n_z * z + height_m - bend * z * z
-            feet[i] = max(v + 2, v + height / per_px) if height < FOOT_M else v + 2
-        for c in range(4):
-            box[c] = boxes[k, c]
+                foot = max(v + 2, v + height / per_px)
+                feet[i] = foot if height < FOOT_M else v + 2
+        box[2] = bottoms[k]
         counts[k] = trace_thing(half, cells, feet, box, edges[k], contours[k])
 
 
 UNITS, TELL = 4096.0, 128
 """Places for an outline are whole numbers of so small a part of a metre, then of so small a part of that, which only
 tells them apart: LLVM makes vectors of least and largest integers only."""
+ABREAST = 32
+"""So many numbers LLVM's loops take at once: four vectors of eight."""
 HIGHEST, LOWEST = np.int32(2**31 - 1), np.int32(1 - 2**31)
 ACROSS = np.cos(np.arange(HEADINGS) * (np.pi / 2) / HEADINGS).astype(np.float32)
 ALONG = np.sin(np.arange(HEADINGS) * (np.pi / 2) / HEADINGS).astype(np.float32)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def turn_places(x: Singles, z: Singles, c: np.float32, s: np.float32, along: Units, across: Units) -> None:
+def turn_places(
+    x: Singles, z: Singles, tells: Units, c: np.float32, s: np.float32, along: Units, across: Units
+) -> None:
     """Write where places are along and across a direction whose cosine and sine are given, units."""
     for i in range(len(x)):
-        along[i] = np.int32(c * z[i] + s * x[i]) * np.int32(TELL) + np.int32(i)
+        along[i] = np.int32(c * z[i] + s * x[i]) * np.int32(TELL) + tells[i]
     for i in range(len(x)):
-        across[i] = np.int32(c * x[i] - s * z[i]) * np.int32(TELL) + np.int32(i)
+        across[i] = np.int32(c * x[i] - s * z[i]) * np.int32(TELL) + tells[i]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def ends_of(values: Units) -> tuple[np.int32, np.int32]:
+def ends_of(values: Units, has_strays: bool) -> tuple[np.int32, np.int32]:
     """See `reference.recognize.ends_of`."""
     low, high = HIGHEST, LOWEST
     for i in range(len(values)):
         low, high = min(low, values[i]), max(high, values[i])
-    if len(values) <= STRAY_FROM:
+    if not has_strays:
         return low, high
     second, last = HIGHEST, LOWEST
     for i in range(len(values)):
@@ -616,12 +711,21 @@ def misfit(along: Units, across: Units, front: np.float32, side: np.float32, per
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def turned(
-    x: Singles, z: Singles, per_unit: Singles, c: np.float32, s: np.float32, along: Units, across: Units, out: Floats
+    x: Singles,
+    z: Singles,
+    per_unit: Singles,
+    tells: Units,
+    n: int,
+    c: np.float32,
+    s: np.float32,
+    along: Units,
+    across: Units,
+    out: Floats,
 ) -> float:
     """See `reference.recognize.turned`; `out` (4,) is the extent, `along` and `across` are overwritten."""
-    turn_places(x, z, c, s, along, across)
-    front, back = ends_of(along)
-    low, high = ends_of(across)
+    turn_places(x, z, tells, c, s, along, across)
+    front, back = ends_of(along, n > STRAY_FROM)
+    low, high = ends_of(across, n > STRAY_FROM)
     # One side across the direction and one along it are seen: those nearer to the cameras.
     side = low if low > 0 else high if high < 0 else np.int32(2**30)
     unit_m = 1 / (UNITS * TELL)
@@ -630,11 +734,17 @@ def turned(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def fit_outline(x: Singles, z: Singles, per_unit: Singles, along: Units, across: Units, out: Floats) -> None:
-    """See `reference.recognize.fit_outline`; x and z are in units, `per_unit` is 1 over their sigma."""
-    n, at, total, costs = len(x), 0, 0.0, np.empty(HEADINGS)
+def fit_outline(
+    x: Singles, z: Singles, per_unit: Singles, tells: Units, n: int, along: Units, across: Units, out: Floats
+) -> None:
+    """See `reference.recognize.fit_outline`; x and z are in units, `per_unit` is 1 over their sigma.
+
+    Of all places the first n count, the rest repeat the last one, so that vectors have no remainder: `tells`
+    (-> `TELL`) are its own then, and `per_unit` is 0.
+    """
+    at, total, costs = 0, 0.0, np.empty(HEADINGS)
     for k in range(HEADINGS):
-        costs[k] = turned(x, z, per_unit, ACROSS[k], ALONG[k], along, across, out[1:5])
+        costs[k] = turned(x, z, per_unit, tells, n, ACROSS[k], ALONG[k], along, across, out[1:5])
         total += costs[k]
         if costs[k] < costs[at]:
             at = k
@@ -643,7 +753,8 @@ def fit_outline(x: Singles, z: Singles, per_unit: Singles, along: Units, across:
     bend, angle = before + after - 2 * costs[at], at * (np.pi / 2) / HEADINGS
     if bend > 0:
         angle += (np.pi / 2) / HEADINGS * min(max((before - after) / (2 * bend), -0.5), 0.5)
-    turned(x, z, per_unit, np.float32(np.cos(angle)), np.float32(np.sin(angle)), along, across, out[1:5])
+    c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
+    turned(x, z, per_unit, tells, n, c, s, along, across, out[1:5])
     out[0], out[5], out[6] = angle, costs[at] / n, total / HEADINGS / n
 
 
@@ -652,14 +763,18 @@ def outline_things(uvd: Floats, bounds: NDArray[np.int32], twin: Floats, sigma_p
     """See `reference.recognize.outline_things`."""
     f, cx, _, baseline = twin
     x, z, per_unit = np.empty(POINTS, np.float32), np.empty(POINTS, np.float32), np.empty(POINTS, np.float32)
-    along, across = np.empty(POINTS, np.int32), np.empty(POINTS, np.int32)
+    along, across, tells = np.empty(POINTS, np.int32), np.empty(POINTS, np.int32), np.empty(POINTS, np.int32)
     for k in range(len(bounds) - 1):
         a, n = int(bounds[k]), int(bounds[k + 1] - bounds[k])
         count = min(n, POINTS)
-        for s in range(count):
-            i = a + (s * n // count if count < n else s)
+        whole = min((count + ABREAST - 1) // ABREAST * ABREAST, POINTS)
+        for s in range(whole):
+            place = min(s, count - 1)
+            i = a + (int(place * n / count) if count < n else place)
             z_m = f * baseline / uvd[i, 2]
             z[s] = UNITS * z_m
             x[s] = UNITS * ((uvd[i, 0] - cx) / f * z_m - baseline / 2)
-            per_unit[s] = 1 / (UNITS * TELL * max(z_m / uvd[i, 2] * sigma_px[k], 0.03))
-        fit_outline(x[:count], z[:count], per_unit[:count], along[:count], across[:count], figures[k])
+            per_unit[s] = 1 / (UNITS * TELL * max(z_m / uvd[i, 2] * sigma_px[k], 0.03)) if s < count else 0.0
+            tells[s] = place
+        places = x[:whole], z[:whole], per_unit[:whole], tells[:whole]
+        fit_outline(*places, count, along[:whole], across[:whole], figures[k])

@@ -28,6 +28,8 @@ LIMIT = 3.0
 EDGE_PX, ROW_PX, ROAD_M, WIDTH_SHARE, SIZE_SHARE = 1.6, 1.6, 0.04, 0.07, 0.025
 """Standard deviations of an edge, of the upper end, of the foot, of what is hidden of its width, and of the rest."""
 LEAST_HIGH_M = 0.05
+CLEARANCE_M = 0.15
+"""So far over the road vehicles end, at the face seen nearest: below it one sees the road under them."""
 SIDES_RATIO = 1.4
 """The longer side is a thing's direction if it is so many times as long as the shorter one."""
 HEADING_RAD, HEADING_SHARE = 0.035, 1.2
@@ -145,6 +147,19 @@ def size_things(
     sigmas[:, 0] = np.sqrt(2 * (EDGE_PX * per_px) ** 2 + (relative**2 + WIDTH_SHARE**2) * sizes[:, 0] ** 2)
     sigmas[:, 1] = np.sqrt((ROW_PX * per_px) ** 2 + ROAD_M**2 + (relative * sizes[:, 1]) ** 2)
     sigmas[:, 2] = np.hypot(2 * sigma_m, 0.1 * sizes[:, 2])
+
+
+def lift_contours(
+    contours: NDArray[np.int32], counts: NDArray[np.int32], longest_end_m: Floats, range_m: Floats, f_px: float
+) -> None:
+    """Lift the lower end of (n, m, 2) contours of `counts` (n,) points each, where they are of vehicles.
+
+    `longest_end_m` is as in `place_outlines`, `range_m` how far away they are; `f_px` is the focal length.
+    """
+    for k in np.flatnonzero(longest_end_m > 0):
+        rows = contours[k, : counts[k], 1]
+        clear_px = min(np.rint(CLEARANCE_M * f_px / range_m[k]), np.ptp(rows) // 2)
+        np.minimum(rows, rows.max() - int(clear_px), out=rows)
 
 
 def place_outlines(

@@ -40,6 +40,8 @@ BESIDE = 4 + 2 * len(ASIDE_M)
 TOGETHER = OWN + LOOKS + BESIDE
 FIGURES = TOGETHER + 5 + LOOKS
 """How many figures there are of a thing."""
+INPUTS = FIGURES + 8
+"""How many numbers the model of types looks at: the figures, and a summary of the colours."""
 
 HUE_ENDS_DEG = (15.0, 50.0, 76.0, 112.0, 195.0, 308.0, 340.0)
 """Upper ends of the CIELAB hue angles of pink, red, orange, yellow, green, blue, purple; beyond the last it is pink."""
@@ -226,7 +228,7 @@ def describe_things(
     free_m: Floats,
     figures: Floats,
 ) -> None:
-    """Write the (n, FIGURES) figures of all things: shape, looks, what is beside, and what it may be a piece of.
+    """Write the figures of all things: shape, looks, what is beside, and what it may be a piece of.
 
     Parameters
     ----------
@@ -239,7 +241,7 @@ def describe_things(
     free_u, free_m
         Free space.
     figures
-        Written.
+        (n, FIGURES or more), written.
     """
     boxes, near = np.empty((len(bounds) - 1, 4)), np.empty(len(bounds) - 1)
     beside = OWN + LOOKS
@@ -265,7 +267,7 @@ def describe_things(
         figures[k, TOGETHER : TOGETHER + 2] = np.log(size / twin[0] * near[k])
         share = np.prod(boxes[k, 2:] - boxes[k, :2]) / np.prod(size)
         figures[k, TOGETHER + 2 : TOGETHER + 5] = np.log(pieces), share, (boxes[k, 1] - box[1]) / size[1]
-        figures[k, TOGETHER + 5 :] = measure_looks(half, box)
+        figures[k, TOGETHER + 5 : FIGURES] = measure_looks(half, box)
 
 
 def pick_colors(colors: Rgb, uvd: Floats, bounds: Bounds, step_px: int, samples: Rgb) -> None:
@@ -302,6 +304,11 @@ def pick_road(colors: Rgb, samples: Rgb) -> None:
     samples[:] = colors[row.astype(int), column.astype(int)]
 
 
+def middle_color(colors: Rgb, out: Floats) -> None:
+    """Write the (3,) median of (s, 3) colours, channel by channel; of an even number of them the upper one."""
+    out[:] = np.sort(colors, axis=0)[len(colors) // 2]
+
+
 def tally_colors(lab: Rgb, road_lab: Floats, out: Floats) -> None:
     """Write (n, COLOR_FIGURES) what colours things have, in the light of the road.
 
@@ -334,6 +341,13 @@ def tally_colors(lab: Rgb, road_lab: Floats, out: Floats) -> None:
         body = np.quantile(light[k, grey], BODY_SHARE) if len(grey) else np.nan
         tints = [c[k, grey].mean() if len(grey) else 0.0 for c in (a, b)]
         out[k, 4 * HUES :] = [len(grey) / own, body, *tints, light[k, :own].mean(), light[k, :own].std()]
+
+
+def sum_up_colors(colors: Floats, out: Floats) -> None:
+    """Write the last 8 of (n, INPUTS) what the model of types looks at: shares of hues, and that colours are seen."""
+    share = colors[:, : 4 * HUES : 4].T
+    groups = share[4], share[1] + share[2], share[3], share[5] + share[6], colors[:, 4 * HUES]
+    out[:, FIGURES:] = np.stack([*groups, *colors[:, -2:].T / 25, np.ones(len(colors))], -1)
 
 
 def steepest(steps: Floats, middle: float, reach: float, first: int, least: float) -> float:
@@ -457,18 +471,18 @@ def trace_things(
     half: Gray,
     uvd: Floats,
     bounds: Bounds,
-    boxes: Bounds,
+    bottoms: Floats,
     twin: Floats,
     road: Floats,
     edges: Floats,
     contours: Bounds,
     counts: Bounds,
 ) -> None:
-    """Write the outlines of all things; see `trace_thing` and `describe_things`."""
+    """Write the outlines of all things, whose boxes end at rows `bottoms` (n,); see `trace_thing`."""
     for k in range(len(counts)):
         cells = uvd[bounds[k] : bounds[k + 1]]
         xzh = np.nan_to_num(lifted(cells, twin, road)[:, :3], nan=FOOT_M)
-        counts[k] = trace_thing(half, cells, xzh, twin, boxes[k, 3], edges[k], contours[k])
+        counts[k] = trace_thing(half, cells, xzh, twin, bottoms[k], edges[k], contours[k])
 
 
 def ends_of(values: Floats) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.kernels.compiled.judge import name_colors
-from roadblock.kernels.compiled.recognize import pick_colors, pick_road, tally_colors
+from roadblock.kernels.compiled.recognize import middle_color, pick_colors, pick_road, tally_colors
 from roadblock.kernels.reference.judge import COLORS
 from roadblock.kernels.reference.recognize import BACKGROUND, COLOR_FIGURES
 from roadblock.values.checks import FloatArray
@@ -17,6 +17,8 @@ from roadblock.values.frame import RectifiedPair
 
 GRID_PX, SAMPLES = 4, 64 + BACKGROUND
 """A thing is looked at so many places of a grid of such steps."""
+PER_LEVEL, NO_TINT = np.array((100 / 255, 1, 1)), np.array((0, 128, 128))
+"""OpenCV's 8-bit CIELAB times the one, less the other, is CIELAB."""
 
 
 def read_colors(pair: RectifiedPair, uvd_px: FloatArray, bounds: NDArray[np.int32]) -> FloatArray | None:
@@ -39,9 +41,10 @@ def read_colors(pair: RectifiedPair, uvd_px: FloatArray, bounds: NDArray[np.int3
     pick_colors(colors, uvd_px, bounds, GRID_PX, samples[:n])
     pick_road(colors, samples[n:].reshape(-1, 3))
     lab = np.asarray(cv2.cvtColor(samples, cv2.COLOR_RGB2LAB), np.uint8)
-    of_road = np.sort(lab[n:].reshape(-1, 3), axis=0)[len(samples[0])].astype(float)
-    road = of_road * (100 / 255, 1, 1) - (0, 128, 128)
-    figures = np.empty((n, COLOR_FIGURES))
+    figures, road = np.empty((n, COLOR_FIGURES)), np.empty(3)
+    middle_color(lab[n:].reshape(-1, 3), road)
+    road *= PER_LEVEL
+    road -= NO_TINT
     tally_colors(lab[:n], road, figures)
     return figures
 

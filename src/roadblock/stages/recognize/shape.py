@@ -1,11 +1,12 @@
 """`shape`: type, colour, contour and outline of every obstacle, without any network."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from roadblock.geometry.pose import vehicle_from_car
-from roadblock.kernels.compiled.judge import place_outlines, size_things
+from roadblock.kernels.compiled.judge import lift_contours, place_outlines, size_things
 from roadblock.stages.recognize.color import call_colors
 from roadblock.stages.recognize.settings import RecognizeSettings
 from roadblock.stages.recognize.survey import Survey, survey
@@ -17,8 +18,6 @@ from roadblock.values.scene import Detections, Obstacle, Region, road_numbers
 
 LONGEST_END_M = {"car": 2.2, "truck": 3.0}
 """Front and back of a vehicle are no wider: a longer side runs along it, a shorter one across it."""
-CLEARANCE_M = 0.15
-"""So far over the road vehicles end, at the face seen nearest: below it one sees the road under them."""
 
 
 class ShapeRecognizer:
@@ -53,11 +52,10 @@ class ShapeRecognizer:
         if not obstacles:
             return ()
         seen = survey(pair, found, regions)
-        looks = self._looks(seen)
-        if np.isnan(found.matched_share):  # it keeps its own shapes
-            return tuple(o.recognized(**look) for o, look in zip(obstacles, looks, strict=True))
-        shapes = self._shapes(seen, pair.rectification, found, obstacles, looks)
-        return tuple(o.recognized(**look, **shape) for o, look, shape in zip(obstacles, looks, shapes, strict=True))
+        known = self._looks(seen)
+        if not math.isnan(found.matched_share):  # else it keeps its own shapes
+            self._add_shapes(known, seen, pair.rectification, found, obstacles)
+        return tuple(o.recognized(**more) for o, more in zip(obstacles, known, strict=True))
 
     def _looks(self, seen: Survey) -> list[dict[str, object]]:
         """Return type and colour of each thing."""
@@ -71,42 +69,26 @@ class ShapeRecognizer:
                 look["color"], look["colors"], look["color_lab"] = names[0], names, lab
         return looks
 
-    def _shapes(
+    def _add_shapes(
         self,
+        known: Sequence[dict[str, object]],
         seen: Survey,
         r: Rectification,
         found: Detections,
         obstacles: Sequence[Obstacle],
-        looks: Sequence[dict[str, object]],
-    ) -> list[dict[str, object]]:
-        """Return contour, size, outline and direction of each thing."""
-        n = len(obstacles)
-        u_px, range_m, sigma_m, end_m = np.array(
-            [
-                (o.uvd_px[0], o.range_m, o.range_sigma_m, LONGEST_END_M.get(str(look["label"]), 0.0))
-                for o, look in zip(obstacles, looks, strict=True)
-            ]
-        ).T.copy()
-        contours = [contour[:count] for contour, count in zip(seen.contours, seen.counts.tolist(), strict=True)]
-        for i in np.flatnonzero(end_m):
-            v_px = contours[i][:, 1]
-            clear_px = min(round(CLEARANCE_M * r.f_px / range_m[i]), np.ptp(v_px) // 2)
-            np.minimum(v_px, v_px.max() - clear_px, out=v_px)
-        road = road_numbers(found.ground)
+    ) -> None:
+        """Add contour, size, outline and direction of each thing to what is known of it."""
+        n, road = len(obstacles), road_numbers(found.ground)
+        u_px, range_m, sigma_m = np.array([(o.uvd_px[0], o.range_m, o.range_sigma_m) for o in obstacles]).T.copy()
+        end_m = np.array([LONGEST_END_M.get(str(more["label"]), 0.0) for more in known])
+        lift_contours(seen.contours, seen.counts, end_m, range_m, r.f_px)
         sizes, sigmas = np.array([o.size_m for o in obstacles]), np.empty((n, 3))
         size_things(seen.edges, u_px, range_m, sigma_m, r.numbers, road, sizes, sigmas)
         corners, headings = np.empty((n, 4, 2)), np.empty((n, 2))
         place_outlines(seen.outlines, end_m, sigma_m, road, self._T_vehicle_car, corners, headings)
-        return [
-            {
-                "contour_px": contour,
-                "size_m": size,
-                "size_sigma_m": sigma,
-                "outline_m": outline,
-                "heading_rad": heading,
-                "heading_sigma_rad": heading_sigma,
-            }
-            for contour, size, sigma, outline, (heading, heading_sigma) in zip(
-                contours, sizes, sigmas, corners, headings.tolist(), strict=True
-            )
-        ]
+        for more, contour, count, size, sigma, outline, (heading, heading_sigma) in zip(
+            known, seen.contours, seen.counts.tolist(), sizes, sigmas, corners, headings.tolist(), strict=True
+        ):
+            more["contour_px"], more["outline_m"] = contour[:count], outline
+            more["size_m"], more["size_sigma_m"] = size, sigma
+            more["heading_rad"], more["heading_sigma_rad"] = heading, heading_sigma

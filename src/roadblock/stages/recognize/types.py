@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.kernels.compiled.judge import judge_types
-from roadblock.stages.recognize.survey import INPUTS
+from roadblock.kernels.reference.recognize import INPUTS
 from roadblock.values.checks import FloatArray
 
 UNKNOWN = "unknown"
@@ -94,5 +94,6 @@ def moving_odds(odds: Mapping[str, float]) -> dict[str, float]:
 
 def label(odds: Mapping[str, float], least: float) -> tuple[str, float]:
     """Return the most probable class and how probable it is; unknown and NaN if that is less than `least`."""
-    best = max(odds, key=odds.__getitem__)
+    known = list(odds.values())
+    best = list(odds)[known.index(max(known))]
     return (UNKNOWN, math.nan) if best == UNKNOWN or odds[best] < least else (best, odds[best])
