@@ -50,7 +50,8 @@ def test_who_crosses_on_the_grid_meets_the_middle_of_the_front() -> None:
 def test_only_what_is_known_is_required() -> None:
     assert ALLOWED_KMH["grid car standing 40"] == 0.0
     assert ALLOWED_KMH["grid person crossing at 5 km/h 60"] == 35.0
-    assert ALLOWED_KMH["grid car standing 50"] is None
+    assert ALLOWED_KMH["grid car standing 50"] == 25.0
+    assert ALLOWED_KMH["grid car at 20 km/h 40"] is None
     assert ALLOWED_KMH["grid person crossing at 5 km/h 10"] is None
     assert ALLOWED_KMH["grid bicycle crossing at 15 km/h 20"] is None
 
