@@ -94,6 +94,8 @@ class Bank:
         (n,) whether its outline moves though nothing has left its place.
     against
         (n,) how many times in a row the features on them contradicted their velocities.
+    calm
+        (n,) by how much less their velocities change than is usual: the features on them say so.
     looks
         (n, 2) logarithm of width and height, smoothed.
     foot_m
@@ -116,6 +118,7 @@ class Bank:
     spans: FloatArray
     moved_ns: NDArray[np.int64]
     slid: NDArray[np.bool_]
+    calm: FloatArray
     looks: FloatArray
     foot_m: FloatArray
     last: NDArray[Any]
@@ -137,6 +140,7 @@ class Bank:
             np.zeros((n, KEPT, 4)),
             zero.copy(),
             np.zeros(n, bool),
+            np.ones(n),
             seen.looks,
             seen.foot - x[:, :3],
             seen.obstacles,
