@@ -24,7 +24,7 @@ from record import save
 
 from roadblock.config import Settings
 from roadblock.eval.match import boxes_of, overlaps
-from roadblock.eval.motion import MOVES_MPS, STRUCTURES, seen_frame, ttc_rows, velocity_rows
+from roadblock.eval.motion import MOVES_MPS, STRUCTURES, seen_frame, true_velocity_mps, ttc_rows, velocity_rows
 from roadblock.eval.things import counts, is_at_depth, judge_frame, share_inside
 from roadblock.eval.tracks import TrackScores, judge_tracks
 from roadblock.io.results import frame_record
@@ -145,7 +145,7 @@ def note_states(found: dict, true: dict, result: FrameResult, done: Followed) ->
         track = None if o is None else tracks.get(o["id"])
         if track is None or track.age_s < SETTLED_S or not track.is_over_ground or thing["type"] in STRUCTURES:
             continue
-        off = track.velocity_mps - np.array(thing["velocity_mps"][:2])
+        off = track.velocity_mps - true_velocity_mps(thing, track.position_m)
         velocity = float(off @ np.linalg.solve(track.velocity_cov_m2ps2, off))
         place = (track.position_m[0] - thing["position_m"][0]) ** 2 / track.position_cov_m2[0, 0]
         done.states[thing["id"], track.id] = float(place), velocity

@@ -101,3 +101,15 @@ def test_contact(n: int, is_wary: bool, is_strict: bool) -> None:
         np.testing.assert_allclose(results[0][1:3], results[1][1:3], rtol=1e-9)
         found += results[1][0] >= 0
     assert (found > 0) == (n > 0)
+
+
+@pytest.mark.parametrize(("m", "n"), [(0, 3), (1, 0), (1, 1), (5, 9)])
+def test_swept(m: int, n: int) -> None:
+    rng = np.random.default_rng([5, m, n])
+    ways = rng.normal(0, 1, (m, 6)) * [0.5, 0.1, 1e-2, 1e-3, 1e-5, 1e-6]
+    given = ways, rng.uniform(5, 20, m), rng.uniform(-3, 30, n), CAR
+    low, high = compiled.swept(*given)
+    for found, expected in zip((low, high), reference.swept(*given), strict=True):
+        assert found.shape == (m, n)
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+    assert (high - low >= CAR[2] - 1e-12).all()

@@ -71,7 +71,7 @@ def test_carry(turn: list[float]) -> None:
 @pytest.mark.parametrize("n", COUNTS)
 def test_predict(n: int, dt_s: float) -> None:
     T = pose(rotation_from_rotvec([0.01, 0.02, -0.1]), [-0.8, 0.05, 0.01])
-    agree("predict", *tracks(n), dt_s, T, EGO_COV, 0.5, 0.1)
+    agree("predict", *tracks(n), np.linspace(0.1, 1.0, n), dt_s, T, EGO_COV, 0.5, 0.1)
 
 
 @pytest.mark.parametrize("n", COUNTS)
@@ -128,7 +128,7 @@ def test_correct_velocity(n: int) -> None:
     v_mps = x[rows, 3:] + np.random.default_rng(10).normal(0, 2, (len(rows), 2))
     cov, known = np.ascontiguousarray(covariances(len(rows), 11)[:, :2, :2]) / 9, np.arange(len(rows)) != 1
     against = np.array([1, 0, 1, 1, 1, 0, 1])[:n]
-    arguments = agree("correct_velocity", rows, x, P, against, v_mps, cov, known)
+    arguments = agree("correct_velocity", rows, x, P, against, np.linspace(0.1, 1.0, n), v_mps, cov, known, 0.7)
     if n == 7:
         reset, kept = (arguments[1][rows, 3:] == v_mps).all(1), (arguments[1][rows] == x[rows]).all(1)
         assert reset.any()
@@ -231,8 +231,28 @@ def test_features_must_contradict_twice_what_they_told_before(kernels, against: 
     """A cyclist at 5 m/s before a parked van; and a rail, whose features were never seen, that seems to go along."""
     x, P = np.array([[10.0, 0, 1, 5, 0]]), np.diag([0.1, 0.1, 0.1, 0.04, 0.04])[None].copy()
     count, row, cov = np.array([against]), np.zeros(1, np.intp), 0.04 * np.eye(2)[None]
+    calm, sure = np.ones(1), np.array([True])
     for speed_mps in speeds_mps:
-        kernels.correct_velocity(row, x, P, count, np.zeros((1, 2)), cov, np.array([True]))
+        kernels.correct_velocity(row, x, P, count, calm, np.zeros((1, 2)), cov, sure, 0.7)
         assert x[0, 3] == pytest.approx(speed_mps)
-    kernels.correct_velocity(row, x, P, count, np.zeros((1, 2)), cov, np.array([True]))
+    kernels.correct_velocity(row, x, P, count, calm, np.zeros((1, 2)), cov, sure, 0.7)
     assert count[0] == 0
+
+
+@pytest.mark.parametrize("kernels", [compiled, reference])
+def test_what_does_as_expected_is_taken_to_change_less_until_it_surprises(kernels) -> None:
+    x, P = np.array([[10.0, 0, 1, 5, 0]]), np.diag([0.1, 0.1, 0.1, 0.04, 0.04])[None].copy()
+    calm, row, cov = np.ones(1), np.zeros(1, np.intp), 0.04 * np.eye(2)[None]
+
+    def told(speed_mps: float) -> float:
+        v_mps = np.array([[speed_mps, 0.0]])
+        kernels.correct_velocity(row, x, P, np.zeros(1, np.int64), calm, v_mps, cov, np.array([True]), 0.7)
+        return float(calm[0])
+
+    assert told(5.0) == pytest.approx(0.7)
+    assert [told(5.0) for _ in range(9)][-1] == pytest.approx(reference.CALMEST)
+    still = [
+        kernels.predict(x, P, np.array([c]), 0.1, np.eye(4), np.zeros((6, 6)), 0.5, 0.5)[1] for c in (0.0, calm[0])
+    ]
+    assert (still[1] - still[0])[0, 3, 3] == pytest.approx(reference.CALMEST * 0.5 * 0.1)
+    assert told(6.0) == 1.0

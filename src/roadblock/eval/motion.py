@@ -106,7 +106,17 @@ def _motion(thing: Record) -> str:
 
 
 def _velocity_error(thing: Record, obstacle: Record) -> list[float]:
-    return [o - t for o, t in zip(obstacle["velocity_mps"][:2], thing["velocity_mps"][:2], strict=True)]
+    true = true_velocity_mps(thing, obstacle.get("position_m"))
+    return [o - t for o, t in zip(obstacle["velocity_mps"][:2], true, strict=True)]
+
+
+def true_velocity_mps(thing: Record, at_m: Sequence[float] | None) -> tuple[float, float]:
+    """Return how fast a place on a thing moves, forwards and to the left: the rear of what turns swings out."""
+    vx, vy = thing["velocity_mps"][:2]
+    turn, center = thing.get("yaw_rate_radps"), thing.get("center_m")
+    if not turn or center is None or at_m is None:
+        return vx, vy
+    return vx - turn * (at_m[1] - center[1]), vy + turn * (at_m[0] - center[0])
 
 
 def true_ttc_s(thing: Record, ego: Record | None) -> float:

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from roadblock.eval.motion import driven_km, seen_frame, true_ttc_s, ttc_rows, velocity_rows, warning_record
+from roadblock.eval.motion import (
+    driven_km,
+    seen_frame,
+    true_ttc_s,
+    true_velocity_mps,
+    ttc_rows,
+    velocity_rows,
+    warning_record,
+)
 from roadblock.eval.things import Judged, judge_frame
 
 
@@ -79,6 +87,16 @@ def test_velocities_by_hand():
 @pytest.mark.parametrize("more", [{"velocity_over_ground": False}, {"velocity_mps": None}])
 def test_velocities_that_are_none_over_ground_are_not_judged(more):
     assert velocity_rows([judge_frame([track(1, 0, **more)], [thing(1, 0)])]) == []
+
+
+def test_the_rear_of_a_car_that_turns_left_swings_out_to_the_right():
+    turning = thing(1, 0, (8.0, 1.0, 0.0), center_m=[12.0, 1.0, 0.7], yaw_rate_radps=0.1)
+    assert true_velocity_mps(turning, [10.0, 1.5, 0.0]) == pytest.approx((7.95, 0.8))
+    for unknown in ({"center_m": None}, {"yaw_rate_radps": None}):
+        assert true_velocity_mps(turning | unknown, [10.0, 1.5, 0.0]) == (8.0, 1.0)
+    found = track(1, 0, velocity_mps=[8.1, 0.8, 0.0], position_m=[10.0, 0.0, 0.0])
+    row = velocity_rows([judge_frame([found], [turning])])[0]
+    assert row["rms_mps"] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_true_times_to_contact():

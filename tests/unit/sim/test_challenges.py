@@ -3,7 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from roadblock.geometry.pose import pose
+from roadblock.sim.car import Body, CarState, Obstruction, clearance_m
 from roadblock.sim.challenges import ALLOWED_KMH, CHALLENGES, FRONT_M, GRID, LANE_M
+from roadblock.sim.render import render
+from roadblock.values.camera import Camera, StereoRig
 
 
 @pytest.mark.parametrize("name", [*CHALLENGES, *(name for name in GRID if name.endswith(" 30"))])
@@ -46,6 +50,35 @@ def test_who_crosses_on_the_grid_meets_the_middle_of_the_front() -> None:
 def test_only_what_is_known_is_required() -> None:
     assert ALLOWED_KMH["grid car standing 40"] == 0.0
     assert ALLOWED_KMH["grid person crossing at 5 km/h 60"] == 35.0
-    assert ALLOWED_KMH["grid car standing 50"] is None
+    assert ALLOWED_KMH["grid car standing 50"] == 25.0
+    assert ALLOWED_KMH["grid car at 20 km/h 40"] is None
     assert ALLOWED_KMH["grid person crossing at 5 km/h 10"] is None
     assert ALLOWED_KMH["grid bicycle crossing at 15 km/h 20"] is None
+
+
+FREE = ("parked", "empty", "shadows", "bridge", "steam", "signs", "between")
+
+
+@pytest.mark.parametrize("name", FREE)
+def test_on_a_free_road_nothing_comes_near(name: str) -> None:
+    for seed in (0, 1):
+        one = CHALLENGES[name](seed)
+        things = [Obstruction(thing) for thing in one.things_at(1.0)]
+        for gone_m in np.arange(0.0, one.length_m, 1.5):
+            car = CarState(one.start_m[0] + gone_m, one.start_m[1], 0.0, one.speed_mps)
+            assert clearance_m(things, car, Body())[0] > 0.3, (seed, gone_m)
+
+
+def test_shadows_fall_on_the_lane_and_a_bridge_darkens_it() -> None:
+    camera = Camera((160, 60), 60.0, 60.0, 80.0, 10.0)
+    rig = StereoRig(camera, camera, pose(np.eye(3), [0.2, 0.0, 0.0]))
+    for name in ("shadows", "bridge"):
+        scene = CHALLENGES[name](2).scene
+        bare = replace(scene, things=())
+        car = CarState(12.0, LANE_M, 0.0, 0.0)
+        with_it, without = (
+            render(replace(s, T_world_car=car.T_world_car), rig, quality="preview", noise=0) for s in (scene, bare)
+        )
+        road = (with_it.depth_m == without.depth_m) & np.isfinite(without.depth_m)
+        darker = with_it.pair.left.astype(int) < without.pair.left.astype(int) - 20
+        assert (darker.all(-1) & road)[:, 60:100].sum() > 20

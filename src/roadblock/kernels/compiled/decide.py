@@ -250,6 +250,16 @@ def contact(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def swept(ways: Floats, lengths_m: Floats, x_m: Floats, car: Floats) -> tuple[Floats, Floats]:
+    """See `reference.decide.swept`."""
+    low, high = np.empty((len(ways), len(x_m))), np.empty((len(ways), len(x_m)))
+    for m in range(len(ways)):
+        for k in range(len(x_m)):
+            low[m, k], high[m, k] = _swept(ways[m], lengths_m[m], x_m[k], car)
+    return low, high
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _swept(way: Floats, length_m: float, x_m: float, car: Floats) -> tuple[float, float]:
     """Return the right and the left end of what the car takes of the road at x."""
     low, high = np.inf, -np.inf

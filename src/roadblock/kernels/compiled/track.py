@@ -9,6 +9,7 @@ from roadblock.kernels.reference.track import (
     BEHIND_M,
     BEHIND_SHARE,
     BIAS_PX,
+    CALMEST,
     CAUCHY,
     CLOSING_MPS,
     CLOSING_SIGMAS,
@@ -29,6 +30,7 @@ from roadblock.kernels.reference.track import (
     SIDE_SHARE,
     SIZE,
     STEP_PX,
+    SURPRISING,
     TIMIDITY,
     TINY,
     Floats,
@@ -81,7 +83,14 @@ def carry(T: Floats, cov: Floats, T_vehicle_car: Floats, dt_s: float) -> tuple[F
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def predict(
-    x: Floats, P: Floats, dt_s: float, T_now_before: Floats, ego_cov: Floats, noise_m2ps3: float, still_m2ps3: float
+    x: Floats,
+    P: Floats,
+    calm: Floats,
+    dt_s: float,
+    T_now_before: Floats,
+    ego_cov: Floats,
+    noise_m2ps3: float,
+    still_m2ps3: float,
 ) -> tuple[Floats, Floats]:
     """See `reference.track.predict`."""
     n, t = len(x), abs(dt_s)
@@ -100,7 +109,7 @@ def predict(
     FP, G, GC = np.empty((SIZE, SIZE)), np.zeros((SIZE, 6)), np.empty((SIZE, 6))
     G[0, 3] = G[1, 4] = G[2, 5] = 1.0
     for k in range(n):
-        q = noise_m2ps3 if _deviation(x[k], P[k]) > MOVING else still_m2ps3
+        q = calm[k] * (noise_m2ps3 if _deviation(x[k], P[k]) > MOVING else still_m2ps3)
         for i in range(SIZE):
             total = R[i, 3] if i < 3 else 0.0
             for j in range(SIZE):
@@ -347,9 +356,11 @@ def correct_velocity(
     x: Floats,
     P: Floats,
     against: NDArray[np.int64],
+    calm: Floats,
     v_mps: Floats,
     cov_m2ps2: Floats,
     known: NDArray[np.bool_],
+    calmer: float,
 ) -> None:
     """See `reference.track.correct_velocity`."""
     K = np.empty((SIZE, 2))
@@ -360,7 +371,9 @@ def correct_velocity(
         o0, o1 = v_mps[m, 0] - x[k, 3], v_mps[m, 1] - x[k, 4]
         s0, s1, s2, s3 = before[3, 3] + C[0, 0], before[3, 4] + C[0, 1], before[4, 3] + C[1, 0], before[4, 4] + C[1, 1]
         det = s0 * s3 - s1 * s2
-        if (o0 * (s3 * o0 - s1 * o1) + o1 * (s0 * o1 - s2 * o0)) / det > MOVING:
+        squared = (o0 * (s3 * o0 - s1 * o1) + o1 * (s0 * o1 - s2 * o0)) / det
+        calm[k] = 1.0 if squared > SURPRISING else max(calm[k] * calmer, CALMEST)
+        if squared > MOVING:
             against[k] += 1
             if against[k] < CONTRADICTED:
                 continue

@@ -192,11 +192,18 @@ def recall(
     )
 
 
-def swept(way: Floats, length_m: float, x_m: Floats, car: Floats) -> tuple[Floats, Floats]:
-    """Return (n,) right and left end of what the car takes of the road at x (n,) on a way.
+def swept(ways: Floats, lengths_m: Floats, x_m: Floats, car: Floats) -> tuple[Floats, Floats]:
+    """Return (m, n) right and left end of what the car takes of the road at x (n,) while it goes by, on some ways.
 
-    A way is `y(s) = sum(c_k s^k)` up to its length, and straight on behind; `way` (6,) are its coefficients.
+    A way is `y(s) = sum(c_k s^k)` up to its length (m,), and straight on behind; `ways` (m, 6) are the coefficients.
     """
+    ends = [_swept(way, float(length_m), x_m, car) for way, length_m in zip(ways, lengths_m, strict=True)]
+    low, high = np.array(ends).reshape(len(ways), 2, len(x_m)).swapaxes(0, 1)
+    return low, high
+
+
+def _swept(way: Floats, length_m: float, x_m: Floats, car: Floats) -> tuple[Floats, Floats]:
+    """Return (n,) the same of one way."""
     c0, c1, c2, c3, c4, c5 = way
     body = []
     for reach in (car[0], 0.0, -car[1]):
@@ -228,7 +235,7 @@ def contact(
     Parameters
     ----------
     way, length_m
-        As in `swept`.
+        (6,) and its length, as in `swept`.
     at_m, velocity_mps, sigma_mps, doubt
         (n, 2), (n, 2), (n, 2) and (n,) points of things, their velocities, and as in `weigh`.
     speed_mps, margin_m
@@ -246,7 +253,7 @@ def contact(
         passed = np.minimum(ttc + np.where(moves, (front_m + rear_m) / closing, 0.0), AHEAD_S)
     arrives &= ttc < AHEAD_S
     first = np.where(arrives, ttc, 0.0)
-    low, high = swept(way, length_m, at_m[:, 0] + velocity_mps[:, 0] * first, car)
+    low, high = _swept(way, length_m, at_m[:, 0] + velocity_mps[:, 0] * first, car)
     aside = velocity_mps[:, 1]
     slower = np.sign(aside) * np.maximum(np.abs(aside) - sigma_mps[:, 1], 0)
     aside = np.where(doubt > 0, slower, aside)

@@ -39,6 +39,8 @@ BIAS_PX = 0.2
 """Error of a disparity that all frames share: matchers prefer whole pixels, and no filter averages that away."""
 CONTRADICTED = 2
 """So often in a row, features must contradict a velocity to be believed."""
+SURPRISING, CALMEST = 4.6, 0.1
+"""90 % of a squared distance of two numbers; and how much less a velocity changes of which nothing is surprising."""
 CLOSING_MPS, CLOSING_SIGMAS = 0.3, 2.0
 """What comes closer no faster than this has no time to collision."""
 TIMIDITY, MEDIAN_OF_1 = 0.5, 0.455
@@ -75,14 +77,21 @@ def carry(T: Floats, cov: Floats, T_vehicle_car: Floats, dt_s: float) -> tuple[F
 
 
 def predict(
-    x: Floats, P: Floats, dt_s: float, T_now_before: Floats, ego_cov: Floats, noise_m2ps3: float, still_m2ps3: float
+    x: Floats,
+    P: Floats,
+    calm: Floats,
+    dt_s: float,
+    T_now_before: Floats,
+    ego_cov: Floats,
+    noise_m2ps3: float,
+    still_m2ps3: float,
 ) -> tuple[Floats, Floats]:
     """Return states and covariances after `dt_s`, seen from where the vehicle is then.
 
     Parameters
     ----------
-    x, P
-        (n, 5) and (n, 5, 5).
+    x, P, calm
+        (n, 5), (n, 5, 5), and (n,) factors on the noise.
     dt_s
         Seconds; negative goes back in time.
     T_now_before, ego_cov
@@ -99,7 +108,7 @@ def predict(
     t = abs(dt_s)
     unit = np.diag([t**3 / 3, t**3 / 3, 0.0, t, t])
     unit[[0, 1, 3, 4], [3, 4, 0, 1]] = t**2 / 2 * np.sign(dt_s)
-    Q = np.where(moves, noise_m2ps3, still_m2ps3)[:, None, None] * unit
+    Q = (calm * np.where(moves, noise_m2ps3, still_m2ps3))[:, None, None] * unit
     Q[:, 2, 2] = RISE_M2PS * t
     G = np.zeros((len(x), SIZE, 6))
     G[:, :3, 3:] = np.eye(3)
@@ -288,9 +297,11 @@ def correct_velocity(
     x: Floats,
     P: Floats,
     against: NDArray[np.int64],
+    calm: Floats,
     v_mps: Floats,
     cov_m2ps2: Floats,
     known: NDArray[np.bool_],
+    calmer: float,
 ) -> None:
     """Change states and covariances by velocities that were measured.
 
@@ -302,10 +313,13 @@ def correct_velocity(
     ----------
     rows
         (k,) of which.
-    x, P, against
-        (n, 5), (n, 5, 5), and (n,) how many contradictions in a row there were; changed.
+    x, P, against, calm
+        (n, 5), (n, 5, 5), (n,) how many contradictions in a row there were, and (n,) factors on the noise of
+        `predict`: smaller with each velocity that was expected, 1 with one that was not; changed.
     v_mps, cov_m2ps2, known
         (k, 2), (k, 2, 2), and (k,) whether it was measured.
+    calmer
+        By how much smaller.
     """
     rows, v_mps, cov_m2ps2 = rows[known], v_mps[known], cov_m2ps2[known]
     then, cov = x[rows], P[rows]
@@ -316,6 +330,7 @@ def correct_velocity(
     better, less = then + (K @ off[..., None])[..., 0], cov - K @ cov[:, 3:, :]
     less = (less + less.swapaxes(1, 2)) / 2
     against[rows] = np.where(squared > MOVING, against[rows] + 1, 0)
+    calm[rows] = np.where(squared > SURPRISING, 1.0, np.maximum(calm[rows] * calmer, CALMEST))
     wrong, doubtful = against[rows] >= CONTRADICTED, against[rows] == 1
     better[wrong] = then[wrong]
     better[wrong, 3:] = v_mps[wrong]

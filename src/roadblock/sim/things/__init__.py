@@ -4,7 +4,7 @@ from roadblock.sim.things.bikes import bicycle, cyclist
 from roadblock.sim.things.catalog import TYPES, Order, build
 from roadblock.sim.things.colors import COLORS, shaded
 from roadblock.sim.things.people import person
-from roadblock.sim.things.scenery import house, tree
+from roadblock.sim.things.scenery import bridge, house, tree
 from roadblock.sim.things.street import (
     SIGNS,
     carton,
@@ -29,6 +29,7 @@ __all__ = [
     "TYPES",
     "Order",
     "bicycle",
+    "bridge",
     "build",
     "car",
     "carton",

@@ -6,7 +6,7 @@ from collections.abc import Sequence, Set
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.kernels.compiled.decide import among
+from roadblock.kernels.compiled.decide import among, swept
 from roadblock.kernels.reference.decide import CELL_M
 from roadblock.stages.decide.contact import Contact, find_contact
 from roadblock.stages.decide.hazards import Hazards, Layout
@@ -19,7 +19,6 @@ from roadblock.stages.decide.swerve import (
     drivable,
     steering,
     straight_on,
-    swept,
     ways_aside,
 )
 from roadblock.values.camera import Rectification
@@ -272,7 +271,7 @@ class Decider:
         good = clear_of(ways, hazards.at_m[~moves], until_m, margin_m, s)
         y = turned(self._kerbs.here_m, own.askew_rad)[:, 1]  # kerbs run along the road, seen or not
         right, left = y[y < 0].max(initial=-np.inf), y[y > 0].min(initial=np.inf)
-        ends = swept(ways, np.arange(0.0, until_m, 1.0), s)
+        ends = swept(ways.coefficients, ways.length_m, np.arange(0.0, until_m, 1.0), s.numbers)
         good &= (ends[0].min(1) > right + KERB_M) & (ends[1].max(1) < left - KERB_M)
         may_move = moves | ((hazards.doubt > 0) & (hazards.sigma_mps[:, 0] > 0))  # not what the picture cuts
         if may_move.any() and good.any():

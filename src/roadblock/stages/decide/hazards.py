@@ -1,6 +1,7 @@
 """What a car could run into, as points on the road with velocities; and which of the road was seen to be free."""
 
 from collections.abc import Collection, Sequence
+from itertools import chain
 from operator import attrgetter
 from typing import Any, NamedTuple, Self
 
@@ -58,8 +59,16 @@ class Hazards(NamedTuple):
 
     def where(self, mask: NDArray[np.bool_]) -> "Hazards":
         """Return some of the points."""
+        rows = mask.nonzero()[0]
         at_m, velocity, sigma, sigma_mps, number, doubt = self
-        return Hazards(at_m[mask], velocity[mask], sigma[mask], sigma_mps[mask], number[mask], doubt[mask])
+        return Hazards(
+            at_m.take(rows, 0),
+            velocity.take(rows, 0),
+            sigma.take(rows),
+            sigma_mps.take(rows, 0),
+            number.take(rows),
+            doubt.take(rows),
+        )
 
     @property
     def moves(self) -> NDArray[np.bool_]:
@@ -112,7 +121,7 @@ class Layout:
             )
             for o, t in seen
         ]
-        told = np.array(rows, float).reshape(-1, 9)
+        told = np.fromiter(chain.from_iterable(rows), float, 9 * len(rows)).reshape(-1, 9)
         number, age_s, motion, has_velocity, is_mover, range_m, sigma_m = told[:, :7].T
         velocity, cov = (_table([part(t) for _, t in seen], n) for part, n in ((_VELOCITY, 2), (_COV, 4)))
         size_m, foot_m = (_table([part(o) for o, _ in seen], 3) for part in (_SIZE, _POSITION))
@@ -145,4 +154,4 @@ class Layout:
 
 def _table(rows: Sequence[Any], columns: int) -> FloatArray:
     """Return rows of numbers as an array, also if there are none."""
-    return np.concatenate(rows, axis=None, dtype=float).reshape(-1, columns) if rows else np.zeros((0, columns))
+    return np.concatenate(rows, dtype=float).reshape(-1, columns) if rows else np.zeros((0, columns))

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from roadblock.kernels.compiled.decide import swept
 from roadblock.stages.decide.hazards import Hazards
 from roadblock.stages.decide.settings import DecideSettings
 from roadblock.values.checks import FloatArray
@@ -119,16 +120,6 @@ def speeds(ways: Ways, s: FloatArray, speed_mps: float) -> FloatArray:
     return np.sqrt(np.maximum(speed_mps**2 - 2 * ways.deceleration_mps2[:, None] * s, slowest))
 
 
-def swept(ways: Ways, x_m: FloatArray, settings: DecideSettings) -> tuple[FloatArray, FloatArray]:
-    """Return (m, n) the right and the left end of what the car takes of the road at x (n,) while it goes by."""
-    body = []
-    for reach in (settings.front_m, 0.0, -settings.rear_m):
-        y, slope, _ = ways.at(x_m - reach)
-        body.append(y + reach * slope)
-    half = settings.width_m / 2
-    return np.min(body, axis=0) - half, np.max(body, axis=0) + half
-
-
 def clear_of(
     ways: Ways, at_m: FloatArray, until_m: float, margin_m: float, settings: DecideSettings
 ) -> NDArray[np.bool_]:
@@ -140,7 +131,7 @@ def clear_of(
     if not len(near):
         return np.ones(len(ways.length_m), bool)
     bins, index = np.unique(np.rint(near[:, 0] / BIN_M), return_inverse=True)
-    low, high = (part[:, index] for part in swept(ways, bins * BIN_M, settings))
+    low, high = (part[:, index] for part in swept(ways.coefficients, ways.length_m, bins * BIN_M, settings.numbers))
     room = np.where(near[:, 0] < settings.front_m, 0.0, margin_m)
     return np.asarray(((near[:, 1] < low - room) | (near[:, 1] > high + room)).all(1))
 

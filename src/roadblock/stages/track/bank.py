@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import chain
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -45,9 +46,9 @@ class Seen(NamedTuple):
     range_m: FloatArray
     long_m: FloatArray
 
-    def chosen(self, which: NDArray[Any]) -> "Seen":
+    def chosen(self, which: NDArray[np.intp]) -> "Seen":
         """Return some rows."""
-        return Seen(*(part[which] for part in self))
+        return Seen(*(part.take(which, axis=0) for part in self))
 
 
 def see(obstacles: Sequence[Obstacle], log_noise: FloatArray, twin: FloatArray) -> Seen:
@@ -57,7 +58,7 @@ def see(obstacles: Sequence[Obstacle], log_noise: FloatArray, twin: FloatArray) 
     objects[:] = obstacles
     uvd = _rows([o.uvd_px for o in obstacles], 3)
     cov_px2 = _rows([o.cov_uvd_px2 for o in obstacles], 9).reshape(m, 3, 3)
-    boxes = np.array([o.box_px for o in obstacles], float).reshape(m, 4)
+    boxes = np.fromiter(chain.from_iterable([o.box_px for o in obstacles]), float, 4 * m).reshape(m, 4)
     size_m = np.fmax(_rows([o.size_m for o in obstacles], 3), LEAST_M)
     foot = _rows([o.position_m for o in obstacles], 3)
     range_m = np.array([o.range_m for o in obstacles], float)
@@ -67,7 +68,7 @@ def see(obstacles: Sequence[Obstacle], log_noise: FloatArray, twin: FloatArray) 
 
 def _rows(arrays: list[FloatArray], width: int) -> FloatArray:
     """Return arrays of `width` numbers as rows: faster than `np.array` of them."""
-    return np.concatenate(arrays, axis=None, dtype=float).reshape(-1, width) if arrays else np.zeros((0, width))
+    return np.concatenate(arrays, dtype=float).reshape(-1, width) if arrays else np.zeros((0, width))
 
 
 @dataclass(eq=False)
@@ -94,6 +95,8 @@ class Bank:
         (n,) whether its outline moves though nothing has left its place.
     against
         (n,) how many times in a row the features on them contradicted their velocities.
+    calm
+        (n,) by how much less their velocities change than is usual: the features on them say so.
     looks
         (n, 2) logarithm of width and height, smoothed.
     foot_m
@@ -116,6 +119,7 @@ class Bank:
     spans: FloatArray
     moved_ns: NDArray[np.int64]
     slid: NDArray[np.bool_]
+    calm: FloatArray
     looks: FloatArray
     foot_m: FloatArray
     last: NDArray[Any]
@@ -137,6 +141,7 @@ class Bank:
             np.zeros((n, KEPT, 4)),
             zero.copy(),
             np.zeros(n, bool),
+            np.ones(n),
             seen.looks,
             seen.foot - x[:, :3],
             seen.obstacles,

@@ -42,11 +42,13 @@ def describe(
         (6,) how what stands turns and moves as seen from the vehicle, and (6, 6) its covariance; None where that is
         unknown and velocities are relative.
     """
-    x, P = bank.x[rows], bank.P[rows]
+    x, P = bank.x.take(rows, axis=0), bank.P.take(rows, axis=0)
     # What slid has the velocity of its outline, which is not its own: it may as well stand.
-    slid, v = bank.slid[rows], x[:, 3:]
-    P[:, 3:, 3:] += np.where(slid[:, None, None], v[:, :, None] * v[:, None, :], 0.0)
-    v[slid] = 0.0
+    slid = np.flatnonzero(bank.slid[rows])
+    if len(slid):
+        v = x[slid, 3:]
+        P[slid, 3:, 3:] += v[:, :, None] * v[:, None, :]
+        x[slid, 3:] = 0.0
     over_ground = twist is not None
     if twist is None:
         twist, twist_cov = np.zeros(6), np.zeros((6, 6))

@@ -1,5 +1,6 @@
 """The tracker: obstacles of a frame in, the same obstacles with their tracks out; remembers the drive."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -59,6 +60,8 @@ EGO_KNOWN_S = 1.0
 """So long the vehicle's motion is taken to go on."""
 EGO_MPS2, EGO_RADPS2 = 3.0, 0.3
 """By about how much it changes meanwhile."""
+CALM_S = 0.3
+"""In this time, features that say what was expected let the noise of a velocity shrink to 1/e."""
 RELATIVE_NOISE, STILL_NOISE = 4.0, 0.2
 """Velocities relative to the vehicle change so much faster, and those of what does not move for sure so much slower."""
 
@@ -173,7 +176,7 @@ class Tracker:
         still_m2ps3 = STILL_NOISE * noise_m2ps3
         if not self._over_ground:
             noise_m2ps3 = still_m2ps3 = RELATIVE_NOISE * noise_m2ps3
-        return predict(self._bank.x, self._bank.P, dt_s, T, cov, noise_m2ps3, still_m2ps3)
+        return predict(self._bank.x, self._bank.P, self._bank.calm, dt_s, T, cov, noise_m2ps3, still_m2ps3)
 
     def _ground(self, over_ground: bool) -> None:
         """Let velocities be over ground, or relative to the vehicle."""
@@ -356,7 +359,7 @@ class Tracker:
             o.T_car_vehicle,
         )
         cov += self._twist_cov[3:5, 3:5]
-        correct_velocity(rows, b.x, b.P, b.against, v_mps, cov, known)
+        correct_velocity(rows, b.x, b.P, b.against, b.calm, v_mps, cov, known, math.exp(-dt_s / CALM_S))
         felt = rows[known & (deviation(v_mps, cov) > SURE)]
         b.slid[felt], b.moved_ns[felt] = False, self._t_ns
 
@@ -382,6 +385,7 @@ class Tracker:
         if not missing.any():
             return ~merged
         b.missed[missing] += 1
+        b.calm[missing] = 1.0
         uvd, _, S = self.optics.see(b.x, b.P)
         inside = ((uvd[:, :2] >= 0) & (uvd[:, :2] < self.optics.rectification.size_px)).all(1)  # not so for NaN
         limit_s = np.where(merged, s.hidden_s, s.forget_s)
