@@ -181,6 +181,19 @@ def test_features_along_a_long_thing_belong_to_it(kernels, long_m: float, known:
     assert found[2].tolist() == [known]
 
 
+@pytest.mark.parametrize("kernels", [compiled, reference])
+def test_the_foot_that_carries_a_walker_does_not_say_that_it_stands(kernels) -> None:
+    """Of four features on who crosses at 1.4 m/s, and six at the foot; a car as high as wide has no such foot."""
+    walks, stands = (features((0.0, y), np.full(n, 10.0), 0.1, 0.0) for y, n in ((1.4, 4), (0.0, 6)))
+    walks[0][:, 1], stands[0][:, 1] = 150.0, 300.0
+    flow = [np.concatenate(pair) for pair in zip(walks, stands, strict=True)]
+    for u0, u1, v_mps in ((500.0, 700.0, 1.4), (300.0, 900.0, 0.0)):
+        box = np.array([[u0, 0.0, u1, 374.0]])
+        found = kernels.feel(np.zeros(1, np.intp), *flow, 0.1, box, np.array([10.0]), np.zeros(1), TWIN, T_CAR_VEHICLE)
+        assert found[2].all()
+        assert found[0][0, 1] == pytest.approx(v_mps, abs=0.2)
+
+
 @pytest.mark.parametrize("n", COUNTS)
 def test_approach(n: int) -> None:
     x, P = tracks(n)

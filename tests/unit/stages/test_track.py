@@ -429,6 +429,15 @@ def test_a_thing_torn_apart_keeps_its_number() -> None:
     assert 1 in found["1"] | found["2"]
 
 
+def test_who_stands_before_a_wall_that_is_lost_is_no_piece_of_it() -> None:
+    """Its velocity was hardly known when it was lost: half a second later it may be anywhere within metres."""
+    for seed in range(5):
+        wall = Thing((28.0, -4.0), hidden_s=(0.15, 9.0), size=(12.0, 6.0))
+        person = Thing((22.0, -4.0), hidden_s=(-1.0, 0.7), size=(0.6, 1.7))
+        found = ids(drive(World([wall, person], seed=seed), steps(1.05)))
+        assert not found["0"] & found["1"], seed
+
+
 def flow_of(velocity_car: np.ndarray, uvd: np.ndarray, dt_s: float, rng: np.random.Generator) -> Flow:
     """Features that move at a velocity (3,) of the car frame."""
     J = image_jacobian(RECTIFICATION, triangulate(RECTIFICATION, uvd))

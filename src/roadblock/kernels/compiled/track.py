@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.kernels.reference.track import (
+    ABOVE_FOOT,
     BEFORE_M,
     BEHIND_M,
     BEHIND_SHARE,
@@ -33,6 +34,7 @@ from roadblock.kernels.reference.track import (
     SURPRISING,
     TIMIDITY,
     TINY,
+    UPRIGHT,
     Floats,
     Indices,
 )
@@ -316,6 +318,8 @@ def feel(
     for o in range(n):
         m, r = 0, rows[o]
         u0, v0, u1, v1 = boxes[r]
+        if v1 - v0 > UPRIGHT * (u1 - u0):
+            v1 = v0 + ABOVE_FOOT * (v1 - v0)
         near_m, far_m = range_m[r] - BEFORE_M, range_m[r] + max(BEHIND_M, BEHIND_SHARE * range_m[r], long_m[r])
         for k in range(count):
             if u0 <= uvd[k, 0] < u1 and v0 <= uvd[k, 1] < v1 and near_m < z[k] < far_m:

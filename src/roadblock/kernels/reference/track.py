@@ -29,6 +29,8 @@ FAR = 1e6
 BEFORE_M, BEHIND_M, BEHIND_SHARE = 0.7, 3.0, 0.1
 """A feature inside a box belongs to the obstacle if it is no nearer than its nearest face by the first, nor further by
 the second, this share of the range, or the obstacle's length."""
+UPRIGHT, ABOVE_FOOT = 1.5, 2 / 3
+"""Of what is so many times as high as wide it lies in this upper part: the foot that carries a walker stands."""
 CAUCHY, ROUNDS = 3.0, 4
 """Residuals of this many sigmas count half; so often they are weighed."""
 LEAST, LEAST_SHARE = 2.0, 0.5
@@ -264,7 +266,9 @@ def feel(
     u, v, d = uvd.T
     half = uvd - off_px / 2
     z = f * baseline_m / d
-    inside = (u >= boxes[:, :1]) & (u < boxes[:, 2:3]) & (v >= boxes[:, 1:2]) & (v < boxes[:, 3:])
+    wide, high = (boxes[:, 2:] - boxes[:, :2]).T
+    low = (boxes[:, 1] + np.where(high > UPRIGHT * wide, ABOVE_FOOT, 1.0) * high)[:, None]
+    inside = (u >= boxes[:, :1]) & (u < boxes[:, 2:3]) & (v >= boxes[:, 1:2]) & (v < low)
     behind_m = np.maximum(np.maximum(BEHIND_M, BEHIND_SHARE * range_m), long_m)[:, None]
     inside &= (d > 0) & (half[:, 2] > 0) & (z > range_m[:, None] - BEFORE_M) & (z < range_m[:, None] + behind_m)
     used = inside.any(0)

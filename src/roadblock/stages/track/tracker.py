@@ -261,7 +261,10 @@ class Tracker:
         off_px = seen.uvd[columns, 2] - expected.uvd[rows, None, 2]
         off_m = self.optics.fb / seen.uvd[columns, 2] - self.optics.fb / expected.uvd[rows, None, 2]
         sigma_px2 = expected.S[rows, None, 2, 2] + seen.noise_px2[columns, 2, 2]
-        close = (off_px**2 <= self.settings.gate * sigma_px2) | (np.abs(off_m) <= SLIP_M)
+        # However unsure it is where something went: a person before a wall that is lost is no piece of it.
+        there_m = self.optics.fb / expected.uvd[rows, None, 2]
+        close = (off_px**2 <= self.settings.gate * sigma_px2) & (np.abs(off_m) <= _alike_m(there_m))
+        close |= np.abs(off_m) <= SLIP_M
         i, j = assign(
             np.where(
                 close & (np.maximum(mine, theirs) >= SAME_SHARE), 1 - np.maximum(mine, theirs) + (1 - alike) / 2, FAR
@@ -371,7 +374,7 @@ class Tracker:
         if len(lost) and len(seen.uvd):
             there_m = self.optics.fb / expected.uvd[lost, 2]
             off_m = np.abs(self.optics.fb / seen.uvd[:, 2] - there_m[:, None])
-            alike = off_m <= np.maximum(ALIKE_M, ALIKE_SHARE * there_m)[:, None]
+            alike = off_m <= _alike_m(there_m)[:, None]
             merged[lost] = ((covered(self._boxes(lost, expected), seen.boxes) >= SAME_SHARE) & alike).any(1)
         return merged
 
@@ -458,3 +461,8 @@ class Tracker:
     def _described(self, bank: Bank, rows: Indices) -> list[Track]:
         twist = self._twist if self._over_ground else None
         return describe(bank, rows, self._t_ns, self.optics, twist, self._twist_cov)
+
+
+def _alike_m(there_m: FloatArray) -> FloatArray:
+    """Return how far apart along the view pieces of one thing may be that is so far ahead."""
+    return np.maximum(ALIKE_M, ALIKE_SHARE * there_m)
