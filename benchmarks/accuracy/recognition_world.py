@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from recognition_more import (
     JEEP,
     LOW,
@@ -137,9 +138,11 @@ from roadblock.sim.photograph import photograph
 from roadblock.sim.render import Quality
 from roadblock.sim.road import Line, Road
 from roadblock.sim.scene import Scene, camera_pose, on_road
-from roadblock.sim.solids import Thing, box
-from roadblock.sim.things import CARS, COLORS
+from roadblock.sim.solids import Part, Rgb, Thing, box
+from roadblock.sim.things import CARS, COLORS, shaded
 from roadblock.values.camera import Camera, StereoRig
+
+Floats = NDArray[np.float64]
 
 SEEN: dict[str, tuple[Family, ...]] = {
     "person": (walker, ordered("person", walking=True)),
@@ -198,8 +201,19 @@ LATER: dict[str, tuple[Family, ...]] = {
     "debris": (dustbin, heap, chair, any_box, stacked),
 }
 SEEN = {kind: families + MORE[kind] for kind, families in SEEN.items()}
+BOTH = {kind: families + LATER[kind] for kind, families in SEEN.items()}
 FIRST_LATER = 1760
 """Training streets from this seed on draw from `LATER`, those before it from `SEEN`."""
+FIRST_VARIED = 2500
+"""Those from this seed on draw from both; no two things have the same proportions, and not all plants are green."""
+FIRST_ALONE = 3120
+"""From this seed on there is one thing in the middle of each street with free road on both sides, a fork or another."""
+ALONE = {"car": 0.4, "truck": 0.2, "bicycle": 0.15, "person": 0.1, "debris": 0.05, "pole": 0.05, "railing": 0.05}
+STRETCH, MOST_STRETCH = 0.12, 0.3
+"""Natural logarithm of how much longer, wider and higher a thing is than its family's: scatter and most."""
+AUTUMN: tuple[Rgb, ...] = ((196, 150, 40), (176, 92, 30), (150, 48, 34), (126, 92, 58), (148, 130, 92), (120, 70, 92))
+IN_AUTUMN = 0.4
+"""Colours of leaves that are not green, and how many plants have one of them."""
 UNSEEN: dict[str, tuple[Family, ...]] = {
     "person": (with_pram, with_board),
     "bicycle": (in_poncho, folding_bicycle),
@@ -258,10 +272,29 @@ def drawn(families: tuple[Family, ...], rng: Rng) -> Thing:
     return families[rng.integers(len(families))](rng, color, rgb)  # type: ignore[arg-type]
 
 
+def varied(thing: Thing, rng: Rng) -> Thing:
+    """Return the thing stretched, each way by itself; a plant may have lost its green."""
+    factor = np.exp(np.clip(rng.normal(0, STRETCH, 3), -MOST_STRETCH, MOST_STRETCH))
+    leaves = AUTUMN[rng.integers(len(AUTUMN))] if rng.random() < IN_AUTUMN and thing.type == "vegetation" else None
+    return replace(thing, parts=tuple(stretched(part, factor, leaves) for part in thing.parts))
+
+
+def stretched(part: Part, factor: Floats, leaves: Rgb | None) -> Part:
+    """Return a part so many times as long; what is green of it has the colour of these leaves, if there are any."""
+    R = part.T_thing_part[:3, :3]
+    along = np.linalg.norm(factor[:, None] * R, axis=0)
+    if part.shape not in ("box", "ellipsoid"):
+        along[:2] = along[:2].mean()
+    red, green, blue = part.rgb
+    rgb = shaded(leaves, green / leaves[1]) if leaves and green > max(red, blue) else part.rgb
+    return replace(part, T_thing_part=pose(R, factor * part.T_thing_part[:3, 3]), half_m=along * part.half_m, rgb=rgb)
+
+
 def street(seed: int, unseen: bool, shadow: bool = False) -> Street:
     """Return a street with about nine things, none through another; in the `shadow` of a high wall, if wanted."""
     rng = np.random.default_rng([seed, 41, unseen])
-    families = UNSEEN if unseen else LATER if seed >= FIRST_LATER else SEEN
+    varies = not unseen and seed >= FIRST_VARIED
+    families = UNSEEN if unseen else BOTH if varies else LATER if seed >= FIRST_LATER else SEEN
     road = Road(
         -rng.uniform(5, 10),
         rng.uniform(5, 10),
@@ -272,20 +305,24 @@ def street(seed: int, unseen: bool, shadow: bool = False) -> Street:
     reach = 0.42 * rig.left.size_px[0] / rig.left.fx_px
     kinds = list(rng.permutation(list(SEEN)))
     kinds += list(rng.choice(("person", "bicycle", "pole", "car", "debris", "railing"), 5))
+    alone = "fork"
     if rng.random() < 0.55:
         kinds.remove("fork")
-    else:
-        kinds.insert(0, kinds.pop(kinds.index("fork")))
+        alone = rng.choice(list(ALONE), p=list(ALONE.values())) if varies and seed >= FIRST_ALONE else ""
+    if alone:
+        kinds.insert(0, kinds.pop(kinds.index(alone)))
     kept: list[tuple[float, float, float, float]] = []
     things, classes = [], {}
-    for kind in kinds:
+    for place, kind in enumerate(kinds):
+        is_alone = bool(alone) and place == 0
         thing = drawn(families[kind], rng)
+        thing = varied(thing, rng) if varies else thing
         for _ in range(12):
             ahead = rng.uniform(5, 38) if kind != "wall" else rng.uniform(12, 40)
-            left = rng.uniform(-2.5, 2.5) if kind == "fork" else rng.uniform(-1, 1) * min(reach * ahead, 11)
+            left = rng.uniform(-2.5, 2.5) if is_alone else rng.uniform(-1, 1) * min(reach * ahead, 11)
             placed = on_road(thing, road, ahead, left, np.radians(turned(kind, rng)))
             (x0, y0, _), (x1, y1, _) = placed.bounds_m(placed.T_world_thing)
-            beside = 2.5 if kind == "fork" else 0.5
+            beside = 2.5 if is_alone else 0.5
             if all(x1 + 0.6 < a or x0 - 0.6 > b or y1 + beside < c or y0 - beside > d for a, c, b, d in kept):
                 kept.append((x0, y0 - beside + 0.5, x1, y1 + beside - 0.5))
                 things.append(replace(placed, id=len(things) + 1))

@@ -91,8 +91,8 @@ def test_all_six_are_found_where_they_stand(street: Rendered, step: tuple[FrameR
         assert obstacle.position_m[1] == pytest.approx(true.position_m[1], abs=0.25)  # edges: to about four cells
         assert obstacle.position_m[2] == pytest.approx(true.position_m[2], abs=0.12)
         assert obstacle.size_m[1] == pytest.approx(true.size_m[1], rel=0.12)
-        # Whoever wears green may still be taken for a bush: docs/recognition.md, limits.
-        people = ("person", "unknown", *(["vegetation"] if true.color == "green" else []))
+        # Beyond 15 m who stands may be taken for who rides towards the car: docs/recognition.md, limits.
+        people = ("person", "unknown", *(["bicycle"] if true.range_m > 15 else []))
         assert obstacle.label in {"person": people, "box": ("debris", "wall", "unknown")}[true.type]
 
 

@@ -40,19 +40,6 @@ Codes = NDArray[np.int64]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def hyperbolic_tangents(values: Singles) -> None:
-    """Overwrite values with their hyperbolic tangents: Lambert's fraction of each half, then the double's formula."""
-    one, limit = np.float32(1.0), np.float32(9.5)
-    a, b, c = np.float32(378.0), np.float32(17325.0), np.float32(135135.0)
-    d, e, f = np.float32(28.0), np.float32(3150.0), np.float32(62370.0)
-    for i in range(len(values)):
-        half = np.float32(0.5) * min(max(values[i], -limit), limit)
-        q = half * half
-        t = half * (((q + a) * q + b) * q + c) / (((d * q + e) * q + f) * q + c)
-        values[i] = (t + t) / (one + t * t)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def judge_types(
     inputs: Floats,
     mean: Singles,
@@ -98,8 +85,7 @@ def judge_types(
             for i in range(m):
                 inner[k, j] += scaled[k, i] * hidden[i, j]
         for j in range(h):
-            inner[k, j] += hidden_bias[j]
-        hyperbolic_tangents(inner[k])
+            inner[k, j] = max(inner[k, j] + hidden_bias[j], np.float32(0.0))
     classes, padded = len(output_bias), (len(output_bias) + 7) // 8 * 8
     ends, scores = np.zeros((h, padded), np.float32), np.empty((n + 3, padded), np.float32)
     ends[:, :classes] = output

@@ -50,7 +50,7 @@ def judge_types(
     output_bias: Singles,
     odds: Floats,
 ) -> None:
-    """Write (n, classes) the probability of each class: a hidden layer of tanh, then a softmax.
+    """Write (n, classes) the probability of each class: a hidden layer of rectified sums, then a softmax.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def judge_types(
         Written.
     """
     scaled = np.clip((inputs - mean) * per_spread, -LIMIT, LIMIT)
-    scores = np.tanh(scaled @ hidden + hidden_bias) @ output + output_bias
+    scores = np.maximum(scaled @ hidden + hidden_bias, 0) @ output + output_bias
     raised = np.exp(scores - scores.max(axis=1, keepdims=True))
     odds[:] = raised / raised.sum(axis=1, keepdims=True)
 

@@ -44,7 +44,7 @@ class TypeModel:
     mean, spread
         (INPUTS,) of each input over the training set.
     hidden, hidden_bias
-        (INPUTS, h) and (h,); tanh follows.
+        (INPUTS, h) and (h,); what is negative becomes 0.
     output, output_bias
         (h, classes) and (classes,).
     temperature
