@@ -10,10 +10,13 @@ import sys
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
+
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from record import save
 
 from roadblock.config import load_settings
+from roadblock.geometry.boxes import shared_px2
 from roadblock.io.sources import open_source
 from roadblock.pipeline import Pipeline
 from roadblock.values.scene import FrameResult, Obstacle
@@ -25,10 +28,10 @@ RECORDINGS, SEARCHES = ("kitti_odometry", "kitti_raw_0926"), (128, 256)
 
 def same(a: Obstacle, b: Obstacle) -> bool:
     """Whether two obstacles of successive frames may be one."""
-    (a0, b0, a1, b1), (c0, d0, c1, d1) = a.box_px, b.box_px
-    common = max(0, min(a1, c1) - max(a0, c0)) * max(0, min(b1, d1) - max(b0, d0))
-    smaller = min((a1 - a0) * (b1 - b0), (c1 - c0) * (d1 - d0))
-    return common > 0.3 * smaller and abs(a.range_m - b.range_m) < 0.15 * a.range_m + 1.5
+    boxes = np.array([a.box_px, b.box_px], float)
+    smaller = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1).min()
+    shared = shared_px2(boxes[:1], boxes[1:])[0, 0]
+    return bool(shared > 0.3 * smaller and abs(a.range_m - b.range_m) < 0.15 * a.range_m + 1.5)
 
 
 def losses(frames: list[FrameResult], width_px: int) -> tuple[int, list[float]]:

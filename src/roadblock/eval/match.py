@@ -18,6 +18,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from roadblock.errors import ValueRefusedError
+from roadblock.geometry.boxes import shared_px2
 from roadblock.values.checks import FloatArray, finite
 
 Record = Mapping[str, Any]
@@ -86,9 +87,7 @@ def pair_up(found: Sequence[Record], true: Sequence[Record], rules: MatchRules =
 
 def overlaps(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return (n, m) intersection over union of boxes (n, 4) and (m, 4), each u0, v0, u1, v1, half open."""
-    low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
-    common = np.prod(np.maximum(high - low, 0), axis=-1)
+    common = shared_px2(a, b)
     area_a, area_b = (np.prod(box[:, 2:] - box[:, :2], axis=-1) for box in (a, b))
     return np.asarray(common / (area_a[:, None] + area_b - common))
 

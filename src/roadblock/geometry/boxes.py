@@ -1,4 +1,4 @@
-"""Boxes that stand on the road: their outline from above, how far they overlap, and how near their visible face is."""
+"""Boxes in an image, and those that stand on the road: how far they overlap, outlines from above, visible faces."""
 
 import cv2
 import numpy as np
@@ -7,6 +7,13 @@ from roadblock.values.checks import FloatArray
 
 SIGHTS = 200
 """Lines of sight by which a face is measured."""
+
+
+def shared_px2(boxes: FloatArray, others: FloatArray) -> FloatArray:
+    """Return (n, m) how much boxes (n, 4) of an image share with others (m, 4); each u0, v0, u1, v1, half open."""
+    low = np.maximum(boxes[:, None, :2], others[None, :, :2])
+    high = np.minimum(boxes[:, None, 2:], others[None, :, 2:])
+    return np.asarray(np.maximum(high - low, 0).prod(2))
 
 
 def footprint(center_m: FloatArray, yaw_rad: float, length_m: float, width_m: float) -> FloatArray:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from roadblock.geometry.boxes import footprint, polygon_overlap, visible_face
+from roadblock.geometry.boxes import footprint, polygon_overlap, shared_px2, visible_face
 
 
 def test_a_footprint_goes_round_from_the_front_left():
@@ -40,3 +40,9 @@ def test_a_slanted_wall_by_hand():
 
 def test_what_reaches_beside_the_eyes_has_no_face():
     assert np.isnan(visible_face(footprint(np.array([1.0, 3.0]), 0.0, 4.0, 2.0), 10)).all()
+
+
+def test_boxes_of_an_image_share_pixels() -> None:
+    boxes = np.array([[0.0, 0.0, 10.0, 4.0], [20.0, 0.0, 30.0, 4.0]])
+    others = np.array([[8.0, 1.0, 12.0, 9.0], [10.0, 0.0, 20.0, 4.0], [0.0, 0.0, 40.0, 40.0]])
+    assert shared_px2(boxes, others).tolist() == [[6.0, 0.0, 40.0], [0.0, 0.0, 40.0]]

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from roadblock.errors import SettingsError
+from roadblock.geometry.boxes import shared_px2
 from roadblock.network import Floats32, Session, as_bytes, as_input
 from roadblock.stages.recognize.description import NetworkDescription, read_description
 from roadblock.stages.recognize.layouts import Seen, decode
@@ -100,8 +101,7 @@ def named(obstacles: Sequence[Obstacle], seen: Seen, about: NetworkDescription) 
         kind = about.classes.get(number)
         if kind is None:
             continue
-        low, high = np.maximum(boxes[:, :2], box[:2]), np.minimum(boxes[:, 2:], box[2:])
-        shared = np.prod(np.maximum(high - low, 0), axis=1)
+        shared = shared_px2(boxes, box[None])[:, 0]
         fills = np.where(free, shared / max(float(np.prod(box[2:] - box[:2])), 1.0), 0.0)
         main = int(fills.argmax())
         if fills[main] < COVERS:

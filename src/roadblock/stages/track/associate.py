@@ -4,6 +4,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from roadblock.geometry.boxes import shared_px2
 from roadblock.kernels.reference.track import FAR
 from roadblock.values.checks import FloatArray
 
@@ -23,8 +24,5 @@ def assign(cost: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 def covered(boxes: FloatArray, others: FloatArray) -> FloatArray:
     """Return (n, m) how much of each box (n, 4) lies in each of the others (m, 4); (u0, v0, u1, v1) each."""
-    low = np.maximum(boxes[:, None, :2], others[None, :, :2])
-    high = np.minimum(boxes[:, None, 2:], others[None, :, 2:])
-    shared = np.maximum(high - low, 0).prod(2)
     own = np.maximum((boxes[:, 2:] - boxes[:, :2]).prod(1), 1.0)
-    return np.asarray(shared / own[:, None])
+    return np.asarray(shared_px2(boxes, others) / own[:, None])
