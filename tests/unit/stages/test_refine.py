@@ -19,15 +19,16 @@ from roadblock.values.scene import Refinement, Region
 HEIGHT, WIDTH = TWIN.size_px[1], TWIN.size_px[0]
 
 
+def waves(u: np.ndarray, v: np.ndarray, seed: int, down: float = 0.9) -> np.ndarray:
+    """Return a sum of waves, at most so steep downwards: a band-limited texture, exact at any place."""
+    drawn = np.random.default_rng(seed).uniform((-0.9, -down, 0), (0.9, down, 2 * np.pi), (40, 3))
+    return 120 + sum((5 * np.cos(a * u + b * v + c) for a, b, c in drawn), np.zeros_like(u))
+
+
 def texture(shift_px: float, seed: int = 0) -> np.ndarray:
-    """Return a band-limited texture that moves to the left by `shift_px`: a sum of waves, so exact at any place."""
-    rng = np.random.default_rng(seed)
+    """Return a texture that moves to the left by `shift_px`."""
     v, u = np.mgrid[:HEIGHT, :WIDTH].astype(float)
-    image = np.full((HEIGHT, WIDTH), 120.0)
-    for _ in range(40):
-        across, down, phase = rng.uniform(-0.9, 0.9), rng.uniform(-0.9, 0.9), rng.uniform(0, 2 * np.pi)
-        image += 5 * np.cos(across * (u + shift_px) + down * v + phase)
-    return image
+    return waves(u + shift_px, v, seed)
 
 
 def pair(d_px: float, gain: float = 1.0, offset: float = 0.0, noise: float = 1.0, seed: int = 0) -> RectifiedPair:
@@ -135,8 +136,7 @@ def test_shape_follows_a_large_wavy_surface_more_finely() -> None:
     true_px = 12 + 1.5 * np.sin(2 * np.pi * v / 96)
     images = []
     for shift_px in (np.zeros_like(v), true_px):
-        waves = np.random.default_rng(4).uniform((-0.9, -0.3, 0), (0.9, 0.3, 6.3), (40, 3))
-        image = 120 + sum((5 * np.cos(a * (u + shift_px) + b * v + c) for a, b, c in waves), np.zeros_like(u))
+        image = waves(u + shift_px, v, 4, down=0.3)
         images.append(np.clip(np.rint(image + rng.standard_normal(u.shape)), 0, 255).astype(np.uint8))
     wavy = RectifiedPair(*images, Rectification(300.0, 209.5, 149.5, 0.2, (width, height)))
     columns, rows = 60 + 4 * np.arange(75) + 1.5, 24 + 4 * np.arange(60) + 1.5
@@ -156,8 +156,7 @@ def test_shape_follows_a_large_wavy_surface_more_finely() -> None:
 def seen_by_lenses(down_px: float, pixels: tuple[np.ndarray, np.ndarray], d_px: float, seed: int) -> np.ndarray:
     """Return what a camera sees of the texture whose raw pixels are rectified places `pixels`."""
     u, v = pixels
-    waves = np.random.default_rng(seed).uniform((-0.9, -0.9, 0), (0.9, 0.9, 6.3), (40, 3))
-    return 120 + sum((5 * np.cos(a * (u + d_px) + b * (v - down_px) + c) for a, b, c in waves), np.zeros_like(u))
+    return waves(u + d_px, v - down_px, seed)
 
 
 @pytest.mark.parametrize("down_px", [0.0, 0.12, -0.15])
