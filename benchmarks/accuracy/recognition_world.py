@@ -138,6 +138,7 @@ from roadblock.sim.photograph import photograph
 from roadblock.sim.render import Quality
 from roadblock.sim.road import Line, Road
 from roadblock.sim.scene import Scene, camera_pose, on_road
+from roadblock.sim.scenes import to_sun
 from roadblock.sim.solids import Part, Rgb, Thing, box
 from roadblock.sim.things import CARS, COLORS, shaded
 from roadblock.values.camera import Camera, StereoRig
@@ -328,12 +329,11 @@ def street(seed: int, unseen: bool, shadow: bool = False) -> Street:
                 things.append(replace(placed, id=len(things) + 1))
                 classes[len(things)] = kind
                 break
-    azimuth, elevation = np.radians(rng.uniform(0, 360)), np.radians(rng.uniform(25, 60))
+    sun = to_sun(rng.uniform(0, 360), rng.uniform(25, 60))
     if shadow:  # a wall beside the road, higher than the sun
-        azimuth, elevation = np.radians(90), np.radians(35)
+        sun = to_sun(90, 35)
         shade = box((120, 1, 22), (30, 0, 11), (150, 140, 130), 0.15)
         things.append(on_road(Thing(0, "screen", "grey", (shade,)), road, -30, 15.5))
-    sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     camera = camera_pose(high, np.radians(rng.uniform(-0.5, 1.5)), np.radians(rng.normal(0, 0.3)))
     return Street(Scene(tuple(things), road, camera, sun, seed), rig, classes)
 

@@ -129,11 +129,13 @@ def fit(inputs: Floats, classes: NDArray[np.int64], weights: Floats, seed: int) 
     parts += [rng.normal(0, 0.3 * HIDDEN**-0.5, sizes[1]), np.zeros(len(CLASSES))]
     parts = [part.astype(np.float32) for part in parts]
     drifts, squares = ([np.zeros_like(part) for part in parts] for _ in range(2))
-    steps = EPOCHS * (len(classes) // BATCH)
+    batches = len(classes) // BATCH
+    steps = EPOCHS * batches
     for step in range(1, steps + 1):
-        if step % (len(classes) // BATCH) == 1:
+        first = (step - 1) % batches * BATCH
+        if first == 0:
             order = rng.permutation(len(classes))
-        some, order = order[:BATCH], order[BATCH:]
+        some = order[first : first + BATCH]
         x = both[some, rng.integers(0, 2, BATCH)] + noise * rng.standard_normal((BATCH, INPUTS), np.float32)
         slopes = descent(x, target[some], weight[some, None] / BATCH, parts, rng)
         rate = RATE * min(1.0, step / WARM_UP) * 0.5 * (1 + np.cos(np.pi * step / steps))

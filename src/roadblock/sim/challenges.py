@@ -20,6 +20,7 @@ from roadblock.sim.scenes import (
     furnished,
     paper,
     stood,
+    to_sun,
 )
 from roadblock.sim.solids import Thing, box, moved, placed
 from roadblock.sim.steam import steam
@@ -188,12 +189,6 @@ def _with(scene: Scene, *things: Thing) -> Scene:
     return replace(scene, things=scene.things + things)
 
 
-def _sun(azimuth_deg: float, elevation_deg: float) -> FloatArray:
-    """Return the way to the sun; azimuth to the left of the road's direction."""
-    azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
-    return np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
-
-
 def _shadows(seed: int) -> Challenge:
     rng = _rng(seed, 11)
     side = int(rng.choice([-1, 1]))
@@ -211,7 +206,7 @@ def _shadows(seed: int) -> Challenge:
     ]
     scene = replace(
         _with(_street(seed, (stand,), road), *trees),
-        towards_sun=_sun(side * rng.uniform(60, 120), 18 + 14 * rng.random()),
+        towards_sun=to_sun(side * rng.uniform(60, 120), 18 + 14 * rng.random()),
     )
     return Challenge(scene, length_m=50.0)
 
@@ -221,7 +216,7 @@ def _bridge(seed: int) -> Challenge:
     road = Road(kerb_m=KERB_M)
     over = bridge(rng.uniform(6, 12), road.left_m - road.right_m + 1.0, 4.5, has_piers=bool(rng.integers(2)))
     over = on_road(over, road, rng.uniform(18, 26), (road.left_m + road.right_m) / 2)
-    scene = replace(_with(_street(seed, (), road), over), towards_sun=_sun(rng.uniform(60, 300), rng.uniform(45, 65)))
+    scene = replace(_with(_street(seed, (), road), over), towards_sun=to_sun(rng.uniform(60, 300), rng.uniform(45, 65)))
     return Challenge(scene, length_m=50.0)
 
 

@@ -10,6 +10,7 @@ from roadblock.sim.road import Line, Mark, Road
 from roadblock.sim.scene import Scene, camera_pose, demo_street, on_road, roadside
 from roadblock.sim.solids import Thing, going
 from roadblock.sim.things import Order, build, street_lamp, tree
+from roadblock.values.checks import FloatArray
 
 KMH = 1 / 3.6
 """m/s."""
@@ -68,6 +69,12 @@ def _varied(stands: Iterable[Stand], rng: np.random.Generator) -> list[Stand]:
     return varied
 
 
+def to_sun(azimuth_deg: float, elevation_deg: float) -> FloatArray:
+    """Return the (3,) unit vector to the sun in the world; its azimuth is to the left of the road's direction."""
+    azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
+    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+
+
 def _scene(
     seed: int,
     stands: Iterable[Stand],
@@ -78,8 +85,7 @@ def _scene(
 ) -> Scene:
     """Return a scene, its sun drawn from the seed: mid-morning to mid-afternoon, not right ahead."""
     rng = np.random.default_rng([seed, 7])
-    azimuth, elevation = np.radians(rng.uniform(60, 300)), np.radians(rng.uniform(30, 60))
-    sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    sun = to_sun(rng.uniform(60, 300), rng.uniform(30, 60))
     things = furnished(road, _varied(stands, rng), seed) + scenery
     return Scene(things, road, camera_pose(), sun, seed, speed_mps, conditions=conditions)
 
