@@ -58,7 +58,8 @@ def test_outline(n: int, columns: int) -> None:
     free_m, is_blocked = (part[:columns] for part in free_space(rng))
     sides_px = np.sort(rng.uniform(-40, 1240, (n, 2)))
     range_m, size_m = rng.uniform(3, 40, n), rng.uniform(0, 4, (n, 2))
-    given = sides_px, range_m, size_m, rng.normal(0, 8, (n, 2)), velocities(rng, n), GRID, free_m, is_blocked, TWIN, R
+    given = sides_px, range_m, size_m, rng.normal(0, 8, (n, 2)), velocities(rng, n), rng.random(n) < 0.2, 2 * n // 3
+    given = *given, GRID, free_m, is_blocked, TWIN, R
     results = [kernels.outline(*given) for kernels in (compiled, reference)]
     for found, expected in zip(*results, strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)

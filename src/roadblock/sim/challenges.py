@@ -88,8 +88,14 @@ class Challenge:
 def _street(seed: int, stands: tuple[Stand, ...], road: Road | None = None) -> Scene:
     base = paper(seed)
     road = road or Road(kerb_m=KERB_M)
-    scenery = roadside(np.random.default_rng([seed, 21]))
+    scenery = tuple(_beside(thing, road) for thing in roadside(np.random.default_rng([seed, 21])))
     return replace(base, things=furnished(road, stands, seed) + scenery, road=road, speed_mps=0.0)
+
+
+def _beside(thing: Thing, road: Road) -> Thing:
+    """Return a house or a tree that stands beside the default road as far beside another one."""
+    further_m = road.left_m - Road().left_m if thing.T_world_thing[1, 3] > 0 else road.right_m - Road().right_m
+    return replace(thing, T_world_thing=pose(np.eye(3), [0.0, further_m, 0.0]) @ thing.T_world_thing)
 
 
 def _rng(seed: int, number: int) -> np.random.Generator:

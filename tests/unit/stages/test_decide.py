@@ -227,8 +227,8 @@ def test_what_may_move_or_stand_is_acted_on_only_when_it_must_be() -> None:
     unsure = [replace(WALL[0], motion="unknown", width=1.9, sigma_mps=3.0)]
     drive = Drive(unsure, DecideSettings(swerve_s=0.1)).run(25)
     assert drive.actions.index("brake") >= sure
-    young = Drive([replace(unsure[0], age_s=0.1)], DecideSettings(swerve_s=0.1)).run(25)
-    assert young.actions.index("brake") > drive.actions.index("brake") - 1
+    young = Drive([replace(unsure[0], age_s=0.1)], DecideSettings(swerve_s=0.1)).run(31)
+    assert young.actions.index("brake") > drive.actions.index("brake")
     aside = Drive([replace(unsure[0], y=-2.5, is_tracked=False)]).run(30)
     assert set(aside.actions) == {"none"}
 
@@ -508,6 +508,39 @@ def test_what_ends_beside_a_mover_is_it() -> None:
     faces, ends = layout.faces([narrow], free_space([walker]))
     assert len(faces.number)
     assert not ends.any()
+
+
+def test_near_by_more_beside_a_mover_is_it() -> None:
+    walker, limb = Thing(3.0, 0.0, 0.5, v=(0.0, 1.2), motion="moving"), Thing(3.5, -0.35, 0.18)
+    _, ends = Layout(TWIN, None).faces([obstacle(walker)], free_space([walker, limb]), {3})
+    assert not ends.any()
+
+
+def test_a_column_is_of_the_thing_whose_range_it_ends_at() -> None:
+    wall, cyclist = Thing(21.5, -4.8, 8.4, id=4), Thing(19.0, -0.4, 0.6, v=(3.0, 0.0), motion="moving")
+    beside = Thing(19.7, -0.8, 0.2)  # what the matcher smears, inside the wall's box
+    hazards, _ = Layout(TWIN, None).faces([obstacle(wall), obstacle(cyclist)], free_space([wall, cyclist, beside]))
+    at_m = hazards.at_m[hazards.number == 4]
+    assert len(at_m) > 10
+    assert at_m[:, 1].max() < -0.9
+
+
+@pytest.mark.parametrize("is_tracked", [False, True])
+def test_what_is_new_leaves_no_traces(is_tracked: bool) -> None:
+    thing = Thing(15.0, 0.0, 1.6, motion="unknown", is_tracked=is_tracked, age_s=0.2)
+    hazards, ends = Layout(TWIN, None).faces([obstacle(thing)], free_space([thing]))
+    assert not ends.any()
+    assert len(hazards.at_m) > 10 if is_tracked else not len(hazards.at_m)
+    _, ends = Layout(TWIN, None).faces([obstacle(replace(thing, is_tracked=True, age_s=1.0))], free_space([thing]))
+    assert ends.any()
+
+
+def test_far_aside_no_way_asks_for_twice_the_room() -> None:
+    wide, wider = Thing(24.0, 0.0, 3.4), Thing(24.0, 0.0, 4.4)
+    offsets = [next(d.offset_m for d in Drive([t]).run(12).told if d.action == "swerve") for t in (wide, wider)]
+    least_m = [t.width / 2 + SETTINGS.width_m / 2 + SETTINGS.margin_m for t in (wide, wider)]
+    assert abs(offsets[0]) < 3.0 + 0.01
+    assert least_m[1] - 0.1 < abs(offsets[1]) < least_m[1] + 0.3
 
 
 def test_a_wary_car_gives_more_room_to_what_moves() -> None:

@@ -15,6 +15,8 @@ from roadblock.kernels.reference.decide import (
     CELL_M,
     CLOSING_MPS,
     COLUMN_SIGMA_PX,
+    DEEP_M,
+    EDGE_M,
     EDGE_PX,
     FACE_STEP_M,
     FREE_M,
@@ -80,6 +82,8 @@ def outline(
     size_m: Floats,
     feet_m: Floats,
     velocity_mps: Floats,
+    is_new: Flags,
+    tracked: int,
     grid: Floats,
     free_m: Floats,
     is_blocked: Flags,
@@ -94,21 +98,27 @@ def outline(
         if is_blocked[c] and is_blocked[c + 1] and apart_m <= near_m:
             ends[c] = ends[c + 1] = True
     most = 2
+    off_m, nearest = np.full(columns, np.inf), np.full(columns, -1)
     for k in range(n):
         most += columns + 2 + math.ceil(size_m[k, 0] / FACE_STEP_M)
-    at_m, owner, m = np.empty((most, 2)), np.empty(most, np.int64), 0
-    for k in range(n):
-        near_m, begin = BESIDE_SHARE * range_m[k] + size_m[k, 1], m
+        near_m = max(BESIDE_SHARE * range_m[k], DEEP_M) + size_m[k, 1]
         is_fast = math.hypot(velocity_mps[k, 0], velocity_mps[k, 1]) > SLOW_MPS
-        edge_px = EDGE_PX if is_fast else 0.0
+        edge_px = max(EDGE_PX, EDGE_M * twin[0] / range_m[k]) if is_fast else 0.0
         first = max(0, math.ceil((sides_px[k, 0] - edge_px - grid[0]) / grid[1]))
         last = min(columns, math.ceil((sides_px[k, 1] + edge_px - grid[0]) / grid[1]))
         for c in range(first, last):
-            if not abs(free_m[c] - range_m[k]) <= near_m:
+            off = abs(free_m[c] - range_m[k])
+            if not off <= near_m:
                 continue
-            if is_fast:
+            if is_fast or is_new[k]:
                 ends[c] = False
-            if not sides_px[k, 0] <= grid[0] + grid[1] * c < sides_px[k, 1]:
+            if off < off_m[c]:
+                off_m[c], nearest[c] = off, k
+    at_m, owner, m = np.empty((most, 2)), np.empty(most, np.int64), 0
+    for k in range(tracked):
+        begin = m
+        for c in range(columns):
+            if nearest[c] != k or not sides_px[k, 0] <= grid[0] + grid[1] * c < sides_px[k, 1]:
                 continue
             z = max(free_m[c], range_m[k])
             x = (grid[0] + grid[1] * c - twin[1]) / twin[0] * z - twin[3] / 2

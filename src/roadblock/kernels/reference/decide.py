@@ -14,10 +14,10 @@ Integers = NDArray[np.int64]
 
 FACE_STEP_M = 0.3
 """Between the points of a face."""
-BESIDE_SHARE = 0.15
-"""A column of free space that ends so near to an obstacle's range ends there because of it."""
-EDGE_PX = 8.0
-"""So far beside the box of what moves its columns may end: no trace of it stands there."""
+BESIDE_SHARE, DEEP_M = 0.15, 0.6
+"""A column of free space that ends so near to an obstacle's range, whichever is more, ends there because of it."""
+EDGE_PX, EDGE_M = 8.0, 0.3
+"""So far beside the box of what moves its columns may end, whichever is more: no trace of it stands there."""
 NEIGHBOUR_SHARE = 0.1
 """Columns that end alone, by so much of their range, say nothing."""
 COLUMN_SIGMA_PX = 0.25
@@ -95,6 +95,8 @@ def outline(
     size_m: Floats,
     feet_m: Floats,
     velocity_mps: Floats,
+    is_new: Flags,
+    tracked: int,
     grid: Floats,
     free_m: Floats,
     is_blocked: Flags,
@@ -103,12 +105,15 @@ def outline(
 ) -> tuple[Floats, Integers, Flags]:
     """Return points (m, 2) along the faces of things, (m,) of which, and (c,) which columns end at what stands.
 
-    Its columns tell how a side runs, its range how near it comes; without columns its width does.
+    Its columns tell how a side runs, its range how near it comes; without columns its width does. A column is of the
+    thing to whose range it ends nearest.
 
     Parameters
     ----------
     sides_px, range_m, size_m, feet_m, velocity_mps
         (n, 2) first and last column; (n,); (n, 2) width and length; (n, 2) middle of the foot; (n, 2).
+    is_new, tracked
+        (n,) what may turn out to move: like what moves, it leaves no traces. Only the first ones have faces.
     grid, free_m, is_blocked
         The free space, (c,); what is blocked has a range.
     """
@@ -117,15 +122,19 @@ def outline(
         near = np.abs(np.diff(free_m)) <= NEIGHBOUR_SHARE * np.minimum(free_m[1:], free_m[:-1])
     near &= is_blocked[1:] & is_blocked[:-1]
     ends = np.append(near, False) | np.insert(near, 0, False) if len(u) else is_blocked.copy()
-    points, owners = [np.zeros((0, 2))], [np.zeros(0, np.int64)]
+    off_m = np.full((len(range_m) + 1, len(u)), np.inf)  # how far a column ends from a thing's range; no thing at last
     for k in range(len(range_m)):
-        near_m = BESIDE_SHARE * range_m[k] + size_m[k, 1]
+        near_m, is_fast = max(BESIDE_SHARE * range_m[k], DEEP_M) + size_m[k, 1], np.hypot(*velocity_mps[k]) > SLOW_MPS
+        edge_px = max(EDGE_PX, EDGE_M * twin[0] / range_m[k]) if is_fast else 0.0
         with np.errstate(invalid="ignore"):
-            mine = (u >= sides_px[k, 0]) & (u < sides_px[k, 1]) & (np.abs(free_m - range_m[k]) <= near_m)
-        if np.hypot(*velocity_mps[k]) > SLOW_MPS:
-            with np.errstate(invalid="ignore"):
-                beside = (u >= sides_px[k, 0] - EDGE_PX) & (u < sides_px[k, 1] + EDGE_PX)
-                ends &= ~(beside & (np.abs(free_m - range_m[k]) <= near_m))
+            beside = (u >= sides_px[k, 0] - edge_px) & (u < sides_px[k, 1] + edge_px)
+            off_m[k] = np.where(beside & (np.abs(free_m - range_m[k]) <= near_m), np.abs(free_m - range_m[k]), np.inf)
+        if is_fast or is_new[k]:
+            ends &= ~np.isfinite(off_m[k])
+    nearest = off_m.argmin(0)
+    points, owners = [np.zeros((0, 2))], [np.zeros(0, np.int64)]
+    for k in range(tracked):
+        mine = (u >= sides_px[k, 0]) & (u < sides_px[k, 1]) & np.isfinite(off_m[k]) & (nearest == k)
         if mine.sum() > 1:
             at_m = place(u[mine], np.maximum(free_m[mine], range_m[k]), twin, R)
         else:

@@ -39,6 +39,8 @@ KERB_M = 0.15
 """Room to a kerb or a verge."""
 BEHIND_M = 3.0
 """Road must be seen free so far behind what is passed."""
+ROOMY_M = 3.0
+"""Further aside, about a lane's width, no way leads for twice the room: nobody may see where the road ends."""
 SEEN_FROM_M = 4.0
 """Nearer, at the sides, no camera sees it."""
 CROSSING_MPS = 0.6
@@ -258,8 +260,9 @@ class Decider:
         ways = ways.where(self._is_seen(ways, free, until_m))
         if not len(ways.length_m):
             return None
-        for share in (2.0, 1.0):
+        for share, most_m in ((2.0, ROOMY_M), (1.0, np.inf)):
             roomy = self._is_clear(ways, hazards, until_m, share * s.margin_m)
+            roomy &= np.abs(aside_m + ways.offset_m) <= most_m
             if roomy.any():
                 ways = ways.where(roomy)
                 break
@@ -301,10 +304,15 @@ class Decider:
         blocked = found is not None and found.is_sure and found.ttc_s < s.swerve_s
         self._blocked = self._blocked + 1 if blocked else 0
         if found is None or self._blocked < BLOCKED:
-            number = self._last.obstacle_id
-            return self._steered(
-                rest, float(rest.deceleration_mps2[0]), f"on the way round; {_side(rest)} is free", None, number
-            )
+            # Who comes nearer than was thought is given room again as long as there is any.
+            moving = in_road.where(in_road.moves)
+            nearer = find_contact(rest, moving, max(own.speed_mps, CREEP_MPS), s.margin_m, s, strict=True)
+            other = nearer and self._way_round(in_road, free, moving.at_m[nearer.at, 0] + BEHIND_M)
+            if other:
+                self._begin(other)
+            way, number = other or rest, self._last.obstacle_id
+            told = f"on the way round; {_side(way)} is free"
+            return self._steered(way, float(way.deceleration_mps2[0]), told, None, number)
         told, number = _told(found, in_road)
         other = self._way_round(in_road, free, in_road.at_m[found.at, 0] + BEHIND_M)
         if other is not None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from roadblock.geometry.pose import vehicle_from_car
 from roadblock.kernels.compiled.decide import outline, weigh
-from roadblock.kernels.reference.decide import MOVES, SLOW_MPS, STANDS, UNTOLD
+from roadblock.kernels.reference.decide import MOVES, SLOW_MPS, STANDS, UNTOLD, YOUNG_S
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.scene import FreeSpace, Obstacle
@@ -102,9 +102,10 @@ class Layout:
     ) -> tuple[Hazards, NDArray[np.bool_]]:
         """Return the faces of all obstacles that have a track, and (c,) which columns end at what does not move.
 
-        `movers` are known to move from before. What ends a column alone does not count.
+        `movers` are known to move from before. What ends a column alone does not count, nor what may turn out to move.
         """
         seen = [(o, t) for o in obstacles if (t := o.track) is not None and t.coasted_s <= LONGEST_COAST_S]
+        new = [o for o in obstacles if o.track is None]
         width_px = self.rectification.size_px[0]
         inside = BORDER_SHARE * width_px, (1 - BORDER_SHARE) * width_px
         rows = [
@@ -121,10 +122,12 @@ class Layout:
             )
             for o, t in seen
         ]
+        rows += [(0, 0.0, UNTOLD, False, False, o.range_m, o.range_sigma_m, o.box_px[0], o.box_px[2]) for o in new]
         told = np.fromiter(chain.from_iterable(rows), float, 9 * len(rows)).reshape(-1, 9)
         number, age_s, motion, has_velocity, is_mover, range_m, sigma_m = told[:, :7].T
-        velocity, cov = (_table([part(t) for _, t in seen], n) for part, n in ((_VELOCITY, 2), (_COV, 4)))
-        size_m, foot_m = (_table([part(o) for o, _ in seen], 3) for part in (_SIZE, _POSITION))
+        velocity, cov = (_table([part(t) for _, t in seen], n, len(rows)) for part, n in ((_VELOCITY, 2), (_COV, 4)))
+        everything = [*(o for o, _ in seen), *new]
+        size_m, foot_m = (_table([part(o) for o in everything], 3, len(rows)) for part in (_SIZE, _POSITION))
         speeds, sigmas, doubt = weigh(
             velocity, cov.reshape(-1, 2, 2), motion.astype(np.int64), age_s, has_velocity > 0, is_mover > 0
         )
@@ -134,6 +137,8 @@ class Layout:
             np.where(size_m > 0, size_m, 0.0)[:, ::2],  # unknown lengths are NaN
             foot_m[:, :2] - self.origin_m,
             speeds,
+            (doubt > 0) & (age_s < YOUNG_S),
+            len(seen),
             free.grid,
             free.range_m,
             free.ends,
@@ -152,6 +157,9 @@ class Layout:
             return np.asarray((column >= 0) & (z <= free.range_m[column]))
 
 
-def _table(rows: Sequence[Any], columns: int) -> FloatArray:
-    """Return rows of numbers as an array, also if there are none."""
-    return np.concatenate(rows, dtype=float).reshape(-1, columns) if rows else np.zeros((0, columns))
+def _table(rows: Sequence[Any], columns: int, most: int) -> FloatArray:
+    """Return rows of numbers as an array, zeros behind them."""
+    table = np.zeros((most, columns))
+    if rows:
+        table[: len(rows)] = np.concatenate(rows, dtype=float).reshape(-1, columns)
+    return table

@@ -14,10 +14,10 @@ MOVING, STANDING, UNKNOWN = range(3)
 """Of `MOTIONS`."""
 SURE = 13.8
 """Squared distance from standing still beyond which something moves: 99.9 % of two numbers."""
-SLOW_MPS = 0.7
-"""What is slower stands, if that is known well."""
-STANDING_SIGMA_MPS = 0.6
-"""Largest standard deviation of a velocity that is known well."""
+STILL = 6.0
+"""And within which what has just left its place may stand: 95 %."""
+SLOW_MPS, MOST_MPS = 0.7, 1.0
+"""What is slower than the first, and a sigma faster slower than the second, stands."""
 WELL_KNOWN = 4
 """What was measured less often, neither moves nor stands, nor coasts: two pieces of one thing may look like a fast one.
 """
@@ -57,7 +57,9 @@ def describe(
     speed = np.hypot(x[:, 3], x[:, 4])
     has_moved = t_ns - bank.moved_ns[rows] <= 1e9 * MOVED_S
     moves = is_known & (off > SURE) & (speed > SLOW_MPS) & has_moved
-    stands = is_known & (speed <= SLOW_MPS) & (np.maximum(P[:, 3, 3], P[:, 4, 4]) <= STANDING_SIGMA_MPS**2)
+    sigma_mps = np.sqrt(np.maximum(P[:, 3, 3], P[:, 4, 4]))
+    stands = is_known & (speed <= SLOW_MPS) & (speed + sigma_mps <= MOST_MPS)
+    stands &= ~has_moved | (off <= STILL)
     return [
         Track.known(
             id=number,
