@@ -233,6 +233,13 @@ def test_what_may_move_or_stand_is_acted_on_only_when_it_must_be() -> None:
     assert set(aside.actions) == {"none"}
 
 
+def test_little_doubt_is_left_about_what_hardly_moves() -> None:
+    young = Thing(40.0, 0.0, 0.6, motion="unknown", age_s=0.4, sigma_mps=3.0)
+    settings = DecideSettings(swerve_s=0.1)
+    slow, unsure = (Drive([replace(young, sigma_mps=s)], settings).run(45).actions for s in (0.3, 3.0))
+    assert slow.index("brake") < unsure.index("brake") - 5
+
+
 def test_without_its_own_motion_it_only_warns() -> None:
     drive = Drive([Thing(22.0, 0.0)], known=False, over_ground=False).run(20)
     assert set(drive.actions) == {"none", "warn"}
@@ -489,15 +496,19 @@ def test_what_the_picture_cuts_has_no_velocity_to_be_shy_of() -> None:
 
 
 def test_on_a_way_round_what_seems_to_move_counts() -> None:
-    walker = Hazards.of(np.array([[10.0, -2.2]]), np.array([0.0, 1.5]), sigma_mps=np.array([0.1, 0.9]), doubt=0.6)
+    walker = Hazards.of(np.array([[12.0, -2.5]]), np.array([0.0, 1.5]), sigma_mps=np.array([0.1, 0.9]), doubt=0.6)
     contacts = [find_contact(straight_on(), walker, 8.0, 0.2, SETTINGS, strict=strict) for strict in (False, True)]
     assert [contact is not None for contact in contacts] == [False, True]
 
 
 @pytest.mark.parametrize(("sigma_mps", "counts"), [(0.4, True), (1.2, False)])
 def test_what_seems_to_cross_counts_if_it_would_even_a_sigma_slower(sigma_mps: float, counts: bool) -> None:
-    crosser = Hazards.of(np.array([[10.0, -2.2]]), np.array([0.0, 1.5]), sigma_mps=np.full(2, sigma_mps), doubt=0.6)
-    assert (find_contact(straight_on(), crosser, 8.0, 0.2, SETTINGS) is not None) == counts
+    def crosser(x_m: float, y_m: float) -> Hazards:
+        sigmas_mps = np.full(2, sigma_mps)
+        return Hazards.of(np.array([[x_m, y_m]]), np.array([0.0, 1.5]), sigma_mps=sigmas_mps, doubt=0.6)
+
+    assert (find_contact(straight_on(), crosser(12.0, -2.5), 8.0, 0.2, SETTINGS) is not None) == counts
+    assert find_contact(straight_on(), crosser(10.0, -2.2), 8.0, 0.2, SETTINGS) is not None  # no time is left to learn
 
 
 def test_what_ends_beside_a_mover_is_it() -> None:

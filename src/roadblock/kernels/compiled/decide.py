@@ -21,6 +21,10 @@ from roadblock.kernels.reference.decide import (
     FACE_STEP_M,
     FREE_M,
     FREE_SIGMAS,
+    HARDLY_ASIDE_MPS,
+    HARDLY_DOUBT,
+    HARDLY_MPS,
+    HARDLY_S,
     LEAST_ROOM_M,
     MOST,
     MOST_WARY_M,
@@ -52,8 +56,11 @@ def weigh(
     for k in range(n):
         counts = has_velocity[k] and motion[k] != STANDS and (is_mover[k] or age_s[k] >= SETTLED_S)
         known = motion[k] == STANDS or (counts and (is_mover[k] or motion[k] == MOVES))
+        ahead = velocity_mps[k, 0] + 2 * math.sqrt(cov_m2ps2[k, 0, 0])
+        aside = abs(velocity_mps[k, 1]) + 2 * math.sqrt(cov_m2ps2[k, 1, 1])
+        hardly = has_velocity[k] and age_s[k] >= HARDLY_S and ahead < HARDLY_MPS and aside < HARDLY_ASIDE_MPS
         if not known:
-            doubt[k] = SETTLED_DOUBT if age_s[k] >= YOUNG_S else YOUNG_DOUBT
+            doubt[k] = HARDLY_DOUBT if hardly else SETTLED_DOUBT if age_s[k] >= YOUNG_S else YOUNG_DOUBT
         for i in range(2):
             sigma[k, i] = math.sqrt(cov_m2ps2[k, i, i])
             if counts and abs(velocity_mps[k, i]) > 2 * sigma[k, i]:
@@ -240,7 +247,8 @@ def contact(
         mine = 0.0 if moves and is_strict else doubt[k]
         passed = min(ttc + ((car[0] + car[1]) / closing if moves else 0.0), AHEAD_S)
         low, high = _swept(way, length_m, at_m[k, 0] + vx * ttc, car)
-        if mine > 0:
+        needed, last = _needed_mps2(gap_m, speed_mps, vx, car)
+        if mine > 0 and last < YOUNG_DOUBT * car[3]:
             vy = math.copysign(max(abs(vy) - sigma_mps[k, 1], 0.0), vy)
         one, other = y + vy * ttc, y + vy * passed
         room = margin_m
@@ -248,8 +256,7 @@ def contact(
             room += min(WARY_M + sigma_mps[k, 1] * ttc, MOST_WARY_M)
         if not (min(one, other) < high + room and max(one, other) > low - room):
             continue
-        needed = _needed_mps2(gap_m, speed_mps, vx, car)
-        counts = needed >= mine * car[3]
+        counts = last >= mine * car[3]
         if counts and not is_sure:  # what is not sure no longer counts
             is_sure, best_ttc, hardest = True, np.inf, 0.0
         if counts == is_sure:
@@ -285,15 +292,17 @@ def _swept(way: Floats, length_m: float, x_m: float, car: Floats) -> tuple[float
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _needed_mps2(gap_m: float, speed_mps: float, ahead_mps: float, car: Floats) -> float:
-    """Return how hard to brake for something."""
+def _needed_mps2(gap_m: float, speed_mps: float, ahead_mps: float, car: Floats) -> tuple[float, float]:
+    """Return how hard to brake for something, and how hard to come as near as may be."""
     brake_mps2, brake_share, stop_m, delay_s = car[3], car[4], car[5], car[6]
     closing = speed_mps - ahead_mps
     left_m = gap_m - delay_s * closing
     needed = closing * closing / (2 * max(left_m - stop_m, 1e-3))
+    last = closing * closing / (2 * max(left_m - LEAST_ROOM_M, 1e-3))
     if needed > brake_mps2:
-        needed = max(closing * closing / (2 * max(left_m - LEAST_ROOM_M, 1e-3)), brake_share * brake_mps2)
+        needed = max(last, brake_share * brake_mps2)
     if ahead_mps > 0:
         stops_m = gap_m + ahead_mps * ahead_mps / (2 * brake_mps2) - delay_s * speed_mps - LEAST_ROOM_M
-        needed = max(needed, speed_mps * speed_mps / (2 * max(stops_m, 1e-3)))
-    return needed  # type: ignore[no-any-return]
+        stops = speed_mps * speed_mps / (2 * max(stops_m, 1e-3))
+        needed, last = max(needed, stops), max(last, stops)
+    return needed, last

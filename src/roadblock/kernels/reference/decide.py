@@ -30,8 +30,10 @@ SETTLED_S = 0.5
 """A younger track's velocity is not known, whatever it says."""
 YOUNG_S = 0.8
 """And a track older than this that still does not tell is no longer waited for."""
-SETTLED_DOUBT, YOUNG_DOUBT = 0.6, 0.85
-"""What may move or stand counts once so much of the hardest braking is needed if it does as it seems to."""
+SETTLED_DOUBT, YOUNG_DOUBT = 0.45, 0.85
+"""What may move or stand counts once so much of the hardest braking is needed to stop right before it."""
+HARDLY_DOUBT, HARDLY_S, HARDLY_MPS, HARDLY_ASIDE_MPS = 0.1, 0.3, 3.0, 1.0
+"""From this age on there is little doubt about what is not faster than this, forwards and across, two sigmas up."""
 CELL_M = 0.2
 MOST, SURE = 6, 3
 """Evidence for a cell, at most `MOST`: one for each frame that saw something there, less one for each that did not."""
@@ -70,10 +72,13 @@ def weigh(
         (n,) whether it is known from before that it moves.
     """
     sigma = np.sqrt(cov_m2ps2[:, [0, 1], [0, 1]])
-    waits = np.where(age_s >= YOUNG_S, SETTLED_DOUBT, YOUNG_DOUBT)
     counts = has_velocity & (motion != STANDS)
     counts &= is_mover | (age_s >= SETTLED_S)
     known = (motion == STANDS) | (counts & (is_mover | (motion == MOVES)))
+    ahead, aside = velocity_mps[:, 0], np.abs(velocity_mps[:, 1])
+    hardly = (ahead + 2 * sigma[:, 0] < HARDLY_MPS) & (aside + 2 * sigma[:, 1] < HARDLY_ASIDE_MPS)
+    hardly &= has_velocity & (age_s >= HARDLY_S)
+    waits = np.where(hardly, HARDLY_DOUBT, np.where(age_s >= YOUNG_S, SETTLED_DOUBT, YOUNG_DOUBT))
     sure = counts[:, None] & (np.abs(velocity_mps) > 2 * sigma)
     return np.where(sure, velocity_mps, 0.0), np.where(has_velocity[:, None], sigma, 0.0), np.where(known, 0.0, waits)
 
@@ -265,32 +270,34 @@ def contact(
     low, high = _swept(way, length_m, at_m[:, 0] + velocity_mps[:, 0] * first, car)
     aside = velocity_mps[:, 1]
     slower = np.sign(aside) * np.maximum(np.abs(aside) - sigma_mps[:, 1], 0)
-    aside = np.where(doubt > 0, slower, aside)
+    # As long as there is time to learn more: at the last moment it is taken to go on as it most likely does.
+    needed, last = _needed_mps2(gap_m, speed_mps, velocity_mps[:, 0], car)
+    aside = np.where((doubt > 0) & (last < YOUNG_DOUBT * car[3]), slower, aside)
     one, other = (at_m[:, 1] + aside * np.where(arrives, t, 0.0) for t in (ttc, passed))
     mistaken_m = np.minimum(WARY_M + sigma_mps[:, 1] * first, MOST_WARY_M)
     room = margin_m + np.where(moves & is_wary, mistaken_m, 0.0)
     hit = arrives & (np.minimum(one, other) < high + room) & (np.maximum(one, other) > low - room)
     if not hit.any():
         return -1, np.nan, np.nan, False
-    needed = np.where(hit, _needed_mps2(gap_m, speed_mps, velocity_mps[:, 0], car), 0.0)
-    counts = hit & (needed >= doubt * car[3])
+    counts = hit & (last >= doubt * car[3])
     of = counts if counts.any() else hit
     index = int(np.argmin(np.where(of, ttc, np.inf)))
     return index, float(ttc[index]), float(needed[of].max()), bool(counts.any())
 
 
-def _needed_mps2(gap_m: Floats, speed_mps: float, ahead_mps: Floats, car: Floats) -> Floats:
+def _needed_mps2(gap_m: Floats, speed_mps: float, ahead_mps: Floats, car: Floats) -> tuple[Floats, Floats]:
     """Return (n,) how hard to brake to stay `stop_m` behind each, or as near as may be where that is too late.
 
-    What drives on ahead may at any moment brake as hard as the car itself can.
+    And (n,) to come as near as may be anyway. What drives on ahead may at any moment brake as hard as the car can.
     """
     brake_mps2, brake_share, stop_m, delay_s = car[3:7]
     closing = speed_mps - ahead_mps
     left_m = gap_m - delay_s * closing
     soft, hard = (_braked(closing, left_m - room) for room in (stop_m, LEAST_ROOM_M))
-    as_is = np.where(soft <= brake_mps2, soft, np.maximum(hard, brake_share * brake_mps2))
     stops_m = gap_m + ahead_mps**2 / (2 * brake_mps2) - delay_s * speed_mps - LEAST_ROOM_M
-    return np.where(ahead_mps > 0, np.maximum(as_is, _braked(speed_mps, stops_m)), as_is)
+    stops = np.where(ahead_mps > 0, _braked(speed_mps, stops_m), 0.0)
+    as_is = np.where(soft <= brake_mps2, soft, np.maximum(hard, brake_share * brake_mps2))
+    return np.maximum(as_is, stops), np.maximum(hard, stops)
 
 
 def _braked(speed_mps: Floats | float, way_m: Floats) -> Floats:

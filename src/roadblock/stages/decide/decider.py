@@ -311,6 +311,10 @@ class Decider:
             if other:
                 self._begin(other)
             way, number = other or rest, self._last.obstacle_id
+            if nearer and not other:
+                told, number = _told(nearer, moving)
+                hard = min(s.brake_mps2, max(nearer.needed_mps2, SLOWER_MPS2))
+                return self._steered(way, hard, f"on the way round: {told}; braking on it", nearer, number, "brake")
             told = f"on the way round; {_side(way)} is free"
             return self._steered(way, float(way.deceleration_mps2[0]), told, None, number)
         told, number = _told(found, in_road)
