@@ -97,7 +97,7 @@ def test_contact(n: int, is_wary: bool, is_strict: bool) -> None:
         at_m = np.stack([rng.uniform(-2, 40, n), rng.normal(0, 2.5, n)], 1)
         doubt, sigma = rng.choice([0.0, 0.6, 0.85], n), rng.uniform(0.1, 1, (n, 2))
         way, v = rng.normal(0, 1, 6) * [0.5, 0.1, 1e-2, 1e-3, 1e-5, 1e-6], rng.uniform(0, 12)
-        given = way, 14.0, at_m, velocities(rng, n), sigma, doubt, v, 0.2, is_wary, is_strict, CAR
+        given = way, 14.0, at_m, velocities(rng, n), sigma, doubt, rng.normal(0, 2, n), v, 0.2, is_wary, is_strict, CAR
         results = [kernels.contact(*given) for kernels in (compiled, reference)]
         assert results[0][::3] == results[1][::3]
         np.testing.assert_allclose(results[0][1:3], results[1][1:3], rtol=1e-9)

@@ -49,10 +49,10 @@ from roadblock.kernels.reference.decide import (
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def weigh(
     velocity_mps: Floats, cov_m2ps2: Floats, motion: Integers, age_s: Floats, has_velocity: Flags, is_mover: Flags
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Floats, Floats]:
     """See `reference.decide.weigh`."""
     n = len(motion)
-    speed, sigma, doubt = np.zeros((n, 2)), np.empty((n, 2)), np.zeros(n)
+    speed, sigma, doubt, likely = np.zeros((n, 2)), np.empty((n, 2)), np.zeros(n), np.zeros(n)
     for k in range(n):
         counts = has_velocity[k] and motion[k] != STANDS and (is_mover[k] or age_s[k] >= SETTLED_S)
         known = motion[k] == STANDS or (counts and (is_mover[k] or motion[k] == MOVES))
@@ -67,7 +67,9 @@ def weigh(
                 speed[k, i] = velocity_mps[k, i]
             if not has_velocity[k]:
                 sigma[k, i] = 0.0
-    return speed, sigma, doubt
+        if motion[k] != STANDS and age_s[k] >= HARDLY_S and abs(velocity_mps[k, 1]) > sigma[k, 1] > 0:
+            likely[k] = velocity_mps[k, 1]
+    return speed, sigma, doubt, likely
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -227,6 +229,7 @@ def contact(
     velocity_mps: Floats,
     sigma_mps: Floats,
     doubt: Floats,
+    likely_mps: Floats,
     speed_mps: float,
     margin_m: float,
     is_wary: bool,
@@ -248,7 +251,9 @@ def contact(
         passed = min(ttc + ((car[0] + car[1]) / closing if moves else 0.0), AHEAD_S)
         low, high = _swept(way, length_m, at_m[k, 0] + vx * ttc, car)
         needed, last = _needed_mps2(gap_m, speed_mps, vx, car)
-        if mine > 0 and last < YOUNG_DOUBT * car[3]:
+        if last >= YOUNG_DOUBT * car[3]:
+            vy = likely_mps[k]
+        elif mine > 0:
             vy = math.copysign(max(abs(vy) - sigma_mps[k, 1], 0.0), vy)
         one, other = y + vy * ttc, y + vy * passed
         room = margin_m

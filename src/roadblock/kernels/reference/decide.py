@@ -57,10 +57,10 @@ LEAST_ROOM_M = 0.7
 
 def weigh(
     velocity_mps: Floats, cov_m2ps2: Floats, motion: Integers, age_s: Floats, has_velocity: Flags, is_mover: Flags
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Return how fast things are as far as it is known, (n, 2), its sigmas (n, 2), and how much is in doubt (n,).
 
-    The sigmas of what has no velocity are 0.
+    And (n,) how fast they most likely go to the left. The sigmas of what has no velocity are 0.
 
     Parameters
     ----------
@@ -80,7 +80,13 @@ def weigh(
     hardly &= has_velocity & (age_s >= HARDLY_S)
     waits = np.where(hardly, HARDLY_DOUBT, np.where(age_s >= YOUNG_S, SETTLED_DOUBT, YOUNG_DOUBT))
     sure = counts[:, None] & (np.abs(velocity_mps) > 2 * sigma)
-    return np.where(sure, velocity_mps, 0.0), np.where(has_velocity[:, None], sigma, 0.0), np.where(known, 0.0, waits)
+    likely = has_velocity & (motion != STANDS) & (age_s >= HARDLY_S) & (aside > sigma[:, 1])
+    return (
+        np.where(sure, velocity_mps, 0.0),
+        np.where(has_velocity[:, None], sigma, 0.0),
+        np.where(known, 0.0, waits),
+        np.where(likely, velocity_mps[:, 1], 0.0),
+    )
 
 
 def among(numbers: Integers, others: Integers) -> Flags:
@@ -235,6 +241,7 @@ def contact(
     velocity_mps: Floats,
     sigma_mps: Floats,
     doubt: Floats,
+    likely_mps: Floats,
     speed_mps: float,
     margin_m: float,
     is_wary: bool,
@@ -250,7 +257,7 @@ def contact(
     ----------
     way, length_m
         (6,) and its length, as in `swept`.
-    at_m, velocity_mps, sigma_mps, doubt
+    at_m, velocity_mps, sigma_mps, doubt, likely_mps
         (n, 2), (n, 2), (n, 2) and (n,) points of things, their velocities, and as in `weigh`.
     speed_mps, margin_m
         How fast the car is, and how much room it takes on each side.
@@ -272,7 +279,7 @@ def contact(
     slower = np.sign(aside) * np.maximum(np.abs(aside) - sigma_mps[:, 1], 0)
     # As long as there is time to learn more: at the last moment it is taken to go on as it most likely does.
     needed, last = _needed_mps2(gap_m, speed_mps, velocity_mps[:, 0], car)
-    aside = np.where((doubt > 0) & (last < YOUNG_DOUBT * car[3]), slower, aside)
+    aside = np.where(last >= YOUNG_DOUBT * car[3], likely_mps, np.where(doubt > 0, slower, aside))
     one, other = (at_m[:, 1] + aside * np.where(arrives, t, 0.0) for t in (ttc, passed))
     mistaken_m = np.minimum(WARY_M + sigma_mps[:, 1] * first, MOST_WARY_M)
     room = margin_m + np.where(moves & is_wary, mistaken_m, 0.0)

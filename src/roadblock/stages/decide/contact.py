@@ -32,13 +32,13 @@ def find_contact(
     """Return what the car touches first on a way (one) within 4 s; None if nothing.
 
     Hazards are in the axes of the way. What may move or stand counts only if it comes into the way even a sigma slower
-    than it seems to. Where several are in the way, the one that needs the hardest braking tells how hard. A wary car
+    than it seems to; at the last moment, if it would as it most likely goes on. Where several are in the way, the one that needs the hardest braking tells how hard. A wary car
     (one that brakes already) gives what moves the room by which its way may be mistaken; one that is strict leaves no
     doubt to what seems to move.
     """
     h = hazards
     at, ttc_s, needed_mps2, is_sure = contact(
-        way.coefficients[0], float(way.length_m[0]), h.at_m, h.velocity_mps, h.sigma_mps, h.doubt,
+        way.coefficients[0], float(way.length_m[0]), h.at_m, h.velocity_mps, h.sigma_mps, h.doubt, h.likely_mps,
         float(speed_mps), float(margin_m), wary, strict, settings.numbers,
     )  # fmt: skip
     if at < 0:

@@ -28,7 +28,8 @@ class Hazards(NamedTuple):
 
     `at_m` (n, 2) forward and left; `velocity_mps` (n, 2) over ground; `sigma_m` of the distance, `sigma_mps` (n, 2) of
     the velocity; `number` of the track, 0 = none; `doubt`: the share of the hardest braking that must be needed before
-    it counts at all, 0 where it is known that it moves, or that it stands.
+    it counts at all, 0 where it is known that it moves, or that it stands; `likely_mps` (n,) how fast it most likely goes to
+    the left, also where that is not known.
     """
 
     at_m: FloatArray
@@ -37,6 +38,7 @@ class Hazards(NamedTuple):
     sigma_mps: FloatArray
     number: NDArray[np.int64]
     doubt: FloatArray
+    likely_mps: FloatArray
 
     @classmethod
     def of(
@@ -50,7 +52,7 @@ class Hazards(NamedTuple):
         """Return points (n, 2) that belong to one thing without a number."""
         n, speeds, sigmas = len(at_m), np.empty((len(at_m), 2)), np.empty((len(at_m), 2))
         speeds[:], sigmas[:] = velocity_mps, sigma_mps
-        return cls(at_m, speeds, np.full(n, sigma_m), sigmas, np.zeros(n, np.int64), np.full(n, doubt))
+        return cls(at_m, speeds, np.full(n, sigma_m), sigmas, np.zeros(n, np.int64), np.full(n, doubt), speeds[:, 1])
 
     @classmethod
     def joined(cls, parts: Sequence["Hazards"]) -> Self:
@@ -60,7 +62,7 @@ class Hazards(NamedTuple):
     def where(self, mask: NDArray[np.bool_]) -> "Hazards":
         """Return some of the points."""
         rows = mask.nonzero()[0]
-        at_m, velocity, sigma, sigma_mps, number, doubt = self
+        at_m, velocity, sigma, sigma_mps, number, doubt, likely = self
         return Hazards(
             at_m.take(rows, 0),
             velocity.take(rows, 0),
@@ -68,6 +70,7 @@ class Hazards(NamedTuple):
             sigma_mps.take(rows, 0),
             number.take(rows),
             doubt.take(rows),
+            likely.take(rows),
         )
 
     @property
@@ -128,7 +131,7 @@ class Layout:
         velocity, cov = (_table([part(t) for _, t in seen], n, len(rows)) for part, n in ((_VELOCITY, 2), (_COV, 4)))
         everything = [*(o for o, _ in seen), *new]
         size_m, foot_m = (_table([part(o) for o in everything], 3, len(rows)) for part in (_SIZE, _POSITION))
-        speeds, sigmas, doubt = weigh(
+        speeds, sigmas, doubt, likely = weigh(
             velocity, cov.reshape(-1, 2, 2), motion.astype(np.int64), age_s, has_velocity > 0, is_mover > 0
         )
         at_m, owner, ends = outline(
@@ -146,7 +149,8 @@ class Layout:
             self.R_road,
         )
         numbers = number.astype(np.int64)
-        return Hazards(at_m, speeds[owner], sigma_m[owner], sigmas[owner], numbers[owner], doubt[owner]), ends
+        parts = speeds, sigma_m, sigmas, numbers, doubt, likely
+        return Hazards(at_m, *(part[owner] for part in parts)), ends
 
     def is_seen_free(self, at_m: FloatArray, free: FreeSpace) -> NDArray[np.bool_]:
         """Return for points (n, 2) whether road was seen there, before anything that ends it."""
