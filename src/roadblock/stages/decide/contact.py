@@ -32,9 +32,9 @@ def find_contact(
     """Return what the car touches first on a way (one) within 4 s; None if nothing.
 
     Hazards are in the axes of the way. What may move or stand counts only if it comes into the way even a sigma slower
-    than it seems to; at the last moment, if it would as it most likely goes on. Where several are in the way, the one that needs the hardest braking tells how hard. A wary car
-    (one that brakes already) gives what moves the room by which its way may be mistaken; one that is strict leaves no
-    doubt to what seems to move.
+    than it seems to; at the last moment, if it does as it most likely goes on. Where several are in the way, the one
+    that needs the hardest braking tells how hard. A wary car (one that brakes already) gives what moves the room by
+    which its way may be mistaken; one that is strict leaves no doubt to what seems to move.
     """
     h = hazards
     at, ttc_s, needed_mps2, is_sure = contact(

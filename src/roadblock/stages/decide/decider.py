@@ -53,6 +53,8 @@ BLOCKED = 2
 """So many frames in a row must find a way blocked."""
 SLOWER_MPS2 = 2.5
 """How a car slows down that finds its way round blocked further on."""
+SAME_S = 0.7
+"""Contacts of frames that follow each other that are further apart are not one."""
 SAME_M = 1.0
 """What is remembered so near to a track belongs to it."""
 STRAIGHT_RADPS = 0.12
@@ -87,7 +89,7 @@ class Decider:
         self._stood, self._kerbs, self._height_m = Memory(), Memory(), math.nan
         self._movers, self._seen_ns = Hazards.of(np.zeros((0, 2))), np.zeros(0, np.int64)  # remembered, and when seen
         self._last = Decision("none", "nothing was seen yet")
-        self._recent: list[bool] = []
+        self._recent: list[float] = []  # after how long there would be a contact, NaN = none for sure
         self._brakes, self._until_ns = False, 0
         self._way: Ways | None = None
         self._begun_m, self._line_m = np.zeros(2), 0.0  # where the way begins, and the driver's line, left of 0
@@ -196,7 +198,7 @@ class Decider:
             near = find_contact(way, hazards, max(own.speed_mps, CREEP_MPS), s.margin_m / 2, s, wary=True)
             if near is not None and hazards.at_m[near.at, 0] < s.front_m + s.stop_m + 1:
                 found = near
-        self._recent = [*self._recent[-s.confirm :], found is not None and found.is_sure]
+        self._recent = [*self._recent[-s.confirm :], found.ttc_s if found is not None and found.is_sure else math.nan]
         if found is None:
             if self._t_ns < self._until_ns:
                 return Decision("brake", "the road is free again, but only just", deceleration_mps2=0.5)
@@ -208,7 +210,7 @@ class Decider:
         """Return what to do about what is in the way."""
         s, t_ns = self.settings, self._t_ns
         told, number = _told(found, hazards)
-        confirmed = found.is_sure and sum(self._recent) >= s.confirm
+        confirmed = found.is_sure and sum(abs(t - found.ttc_s) < SAME_S for t in self._recent) >= s.confirm
         urgent = found.needed_mps2 >= s.brake_share * s.brake_mps2
         if confirmed and (found.ttc_s < s.swerve_s or self._brakes) and self._can_pass(hazards, found.at):
             way = self._way_round(self._in_road(hazards), free, hazards.at_m[found.at, 0] + BEHIND_M)

@@ -28,8 +28,8 @@ class Hazards(NamedTuple):
 
     `at_m` (n, 2) forward and left; `velocity_mps` (n, 2) over ground; `sigma_m` of the distance, `sigma_mps` (n, 2) of
     the velocity; `number` of the track, 0 = none; `doubt`: the share of the hardest braking that must be needed before
-    it counts at all, 0 where it is known that it moves, or that it stands; `likely_mps` (n,) how fast it most likely goes to
-    the left, also where that is not known.
+    it counts at all, 0 where it is known that it moves, or that it stands; `likely_mps` (n,) how fast it most likely
+    goes to the left, also where that is not known.
     """
 
     at_m: FloatArray

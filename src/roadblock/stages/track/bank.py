@@ -71,6 +71,12 @@ def _rows(arrays: list[FloatArray], width: int) -> FloatArray:
     return np.concatenate(arrays, dtype=float).reshape(-1, width) if arrays else np.zeros((0, width))
 
 
+CONFIRMED = 2
+"""Measured so often, an obstacle has a track."""
+LOST_S = 0.35
+"""After a longer time unseen, it must be measured again before it is said to move or to stand: it may be another one."""
+
+
 @dataclass(eq=False)
 class Bank:
     """Tracks, as rows of arrays of one length n.
@@ -157,7 +163,8 @@ class Bank:
 
     def note(self, rows: NDArray[np.intp], columns: NDArray[np.intp], seen: Seen, t_ns: int) -> None:
         """Remember that some tracks were measured, and as what."""
-        self.found[rows] += 1
+        lost = t_ns - self.seen_ns[rows] > 1e9 * LOST_S
+        self.found[rows] = np.where(lost, np.minimum(self.found[rows], CONFIRMED), self.found[rows]) + 1
         self.missed[rows], self.doubt_s[rows], self.seen_ns[rows] = 0, 0.0, t_ns
         seen = seen.chosen(columns)
         self.last[rows], self.uvd[rows], self.boxes[rows] = seen.obstacles, seen.uvd, seen.boxes

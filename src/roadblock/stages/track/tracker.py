@@ -22,7 +22,7 @@ from roadblock.kernels.compiled.track import (
 )
 from roadblock.kernels.reference.track import FAR, SIZE, TINY
 from roadblock.stages.track.associate import assign, covered
-from roadblock.stages.track.bank import Bank, Seen, see
+from roadblock.stages.track.bank import CONFIRMED, Bank, Seen, see
 from roadblock.stages.track.describe import MOVED_S, SURE, WELL_KNOWN, describe, moved_obstacle
 from roadblock.stages.track.optics import Optics
 from roadblock.stages.track.settings import TrackSettings
@@ -36,8 +36,8 @@ Indices = NDArray[np.intp]
 
 SPEED_MPS, SIDE_MPS = 8.0, 4.0
 """Standard deviation of the velocity of something just born, along the road and across."""
-CONFIRMED, GIVEN_UP = 2, 2
-"""Measured so often, an obstacle has a track; missed so often before, it never was there: two of three."""
+GIVEN_UP = 2
+"""Missed so often before it has a track, it never was there: two of three."""
 TRUSTED_S = 0.4
 """Tracks of this age tell how noisy measurements are."""
 SAME_SHARE = 0.5
