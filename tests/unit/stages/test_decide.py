@@ -149,6 +149,17 @@ def test_it_is_warned_before_anything_is_done_and_one_frame_does_nothing() -> No
 WALL = [Thing(32.0, 0.0, 30.0)]
 
 
+def test_two_contacts_far_apart_do_not_confirm_each_other() -> None:
+    decider, actions = Decider(TWIN), []
+    wall, near = Thing(36.0, 0.0, 30.0), Thing(9.0, 0.0, 0.6, id=4)
+    for k in range(6):
+        t_ns = START_NS + k * 100_000_000
+        things = [replace(t, x=t.x - 0.8 * max(k - 4, 0)) for t in ([wall] if k < 4 else [wall, near])]
+        found = decider.decide([obstacle(t) for t in things], free_space(things), step(t_ns), t_ns, ROAD)
+        actions.append(found.action)
+    assert actions == ["none"] * 4 + ["warn", "brake"]
+
+
 def test_a_wall_is_braked_for_so_that_room_is_left() -> None:
     drive = Drive(WALL).run(25)
     first = drive.actions.index("brake")
@@ -348,6 +359,17 @@ def test_a_way_that_ends_is_braked_on() -> None:
     assert drive.speed < 1.5
     gentle = Obeyed([(0.0, Thing(22.0, 0.2)), (1.3, Thing(37.0, 0.0, 30.0, id=4))]).run(32)
     assert any("slowing down" in told.reason for told in gentle.told)
+
+
+@pytest.mark.parametrize("wall_y", [None, -3.6])
+def test_who_comes_nearer_than_was_thought_is_given_room_again(wall_y: float | None) -> None:
+    """The way leads round on the right, where someone walks then; past the wall there is no other way at once."""
+    walker = Thing(26.0, 0.6, 0.5)
+    walls = [] if wall_y is None else [(0.0, Thing(x, wall_y, 0.6, id=k)) for k, x in enumerate((20.0, 24.0, 28.0), 5)]
+    drive = Obeyed([(0.0, walker), *walls, (1.6, Thing(27.0, 1.9, 0.5, (0.0, -0.8), "moving", id=4))]).run(40)
+    told = [t.reason for t in drive.told[16:]]
+    assert drive.nearest_m > 0
+    assert any("braking on it" in reason for reason in told) == (wall_y is not None)
 
 
 def test_a_swerve_keeps_out_of_the_way_of_oncoming_cars() -> None:

@@ -354,6 +354,26 @@ def test_moving_standing_and_time_to_contact() -> None:
     assert 0.4 < np.sqrt(np.mean((error / sigma) ** 2)) < 1.5
 
 
+def test_who_creeps_for_sure_does_not_stand() -> None:
+    told = []
+    for seed in range(20):
+        world = World([Thing((20.0, 0.5), (-0.6, 0.0))], speed=8.0, seed=seed)
+        told += [o.track.motion for _, frame in drive(world, steps(1.5))[-4:] for o in frame if o.track]
+    assert told.count("standing") < 0.35 * len(told)
+    assert "moving" not in told
+
+
+def test_who_was_lost_from_sight_is_measured_twice_before_it_moves() -> None:
+    world, tracker = World([Thing((20.0, -4.0), (0.0, 2.0))], speed=0.0), Tracker(RECTIFICATION, MOUNT)
+    (before,) = drive(world, steps(1.0), tracker)[-1][1]
+    assert before.track.motion == "moving"
+    for i in range(1, 5):
+        tracker.update([], ns(1.0 + i / 10), world.ego(0.9 + i / 10, 1.0 + i / 10))
+    again = [tracker.update(world.seen(t), ns(t), world.ego(t - 0.1, t))[0].track for t in (1.5, 1.6)]
+    assert [track.id for track in again] == [before.track.id] * 2
+    assert [track.motion for track in again] == ["unknown", "moving"]
+
+
 def test_free_road_where_it_should_be_ends_a_track() -> None:
     """Gone, it is kept in mind; seen to be gone, it is not; hidden, for longer."""
     columns = np.arange(3.5, 1240, 8)
