@@ -75,7 +75,7 @@ def rendered(rig: StereoRig, seed: int, quality: str) -> Look:
     pipeline = Pipeline(rig, Settings(decide=DecideSettings(enabled=True)))
 
     def look(challenge: Challenge, t_s: float, car: CarState) -> tuple[Decision, FrameResult, RectifiedPair]:
-        scene = replace(challenge.scene, things=challenge.things_at(t_s), T_world_car=car.T_world_car)
+        scene = replace(challenge.scene.at(t_s), things=challenge.things_at(t_s), T_world_car=car.T_world_car)
         index = round(t_s / FRAME_S)
         t_ns = FIRST_NS + round(1e9 * t_s)
         picture = render(scene, rig, quality=quality, seed=1000 * seed + index, index=index, name=str(index), t_ns=t_ns)

@@ -9,7 +9,6 @@ import numpy as np
 from roadblock.geometry.pose import pose, rotation_from_rotvec
 from roadblock.sim.scene import camera_pose
 from roadblock.sim.solids import Part, Thing
-from roadblock.sim.steam import STEAM
 from roadblock.values.checks import FloatArray
 
 BRAKE_MPS2, LATERAL_MPS2 = 6.0, 3.0
@@ -94,8 +93,6 @@ class Obstruction:
 
 
 def _is_in_the_way(thing: Thing, part: Part) -> bool:
-    if thing.type == STEAM:
-        return False
     T = thing.T_world_thing @ part.T_thing_part
     up = T[:3, :3].T @ np.array([[0.0], [0.0], [1.0]])
     return bool(T[2, 3] - part.reach(-up)[0] < HEIGHT_M and T[2, 3] + part.reach(up)[0] > OVER_M)

@@ -232,7 +232,7 @@ def _steam(seed: int) -> Challenge:
     cloud = steam(rng)
     cloud = replace(cloud, T_world_thing=pose(np.eye(3), [along + 0.35, left, 0.0]))
     road = Road(kerb_m=KERB_M, marks=(Mark("manhole", along, left, 0.7, 0.7),))
-    return Challenge(_with(_street(seed, (), road), cloud), length_m=50.0)
+    return Challenge(replace(_street(seed, (), road), clouds=(cloud,)), length_m=50.0)
 
 
 def _between(seed: int) -> Challenge:

@@ -12,7 +12,6 @@ from roadblock.geometry.pose import inverse, rotation_from_rotvec, transform, ve
 from roadblock.sim.car import HEIGHT_M, OVER_M, CarState
 from roadblock.sim.road import Road
 from roadblock.sim.solids import Part, Thing, corners_m
-from roadblock.sim.steam import STEAM
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.motion import EgoMotion
@@ -91,8 +90,6 @@ def observe(
     found = []
     T_car_world = inverse(car.T_world_car)
     for thing in things:
-        if thing.type == STEAM:
-            continue
         columns = _columns(thing, T_car_world, twin, u)
         z = float(columns.min(initial=np.inf))
         if not z < 1.5 * noise.reach_m:

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ from roadblock.sim.outlines import candidates
 from roadblock.sim.road import MARKS, Road, ground_of
 from roadblock.sim.scene import Scene
 from roadblock.sim.solids import Rgb, Thing
-from roadblock.sim.steam import STEAM, veiled
+from roadblock.sim.steam import veiled
 from roadblock.sim.truth import TrueObject, true_ground, true_objects
 from roadblock.values.camera import Camera, StereoRig
 from roadblock.values.checks import FloatArray, finite, locked
@@ -270,8 +270,6 @@ def _sighted(scene: Scene, rig: StereoRig, side: str, quality: Quality, workers:
     camera = rig.left if side == "left" else rig.right
     T_car_camera = _camera_pose(rig, side)
     width, height = camera.size_px
-    clouds = [thing for thing in scene.things if thing.type == STEAM]
-    scene = replace(scene, things=tuple(thing for thing in scene.things if thing.type != STEAM)) if clouds else scene
     rays = _rays(camera)
     image = np.empty((height, width, 3), np.float32)
     depth, met = np.empty((height, width)), np.empty((height, width), np.int64)
@@ -299,7 +297,7 @@ def _sighted(scene: Scene, rig: StereoRig, side: str, quality: Quality, workers:
     ids = np.array([*of_part, 0, 0, 0], np.int32)[met]
     if len(rays):
         depth = np.where(np.isinf(depth), np.inf, depth * rays[2:-2, 2:-2, 2])
-    for cloud in clouds:
+    for cloud in scene.clouds:
         _veil(image, depth, camera, scene.T_world_car @ T_car_camera, cloud)
     return Sighted(locked(image), locked(depth), locked(ids), T_car_camera)
 

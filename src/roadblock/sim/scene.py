@@ -38,6 +38,8 @@ class Scene:
         How far along the road they are.
     conditions
         Names of what the day is like (rain, night, ...), for whoever takes the picture; () = a clear day.
+    clouds
+        Of steam, whose parts are puffs (`sim.steam`): seen, but nothing can touch them.
 
     Raises
     ------
@@ -54,6 +56,7 @@ class Scene:
     speed_mps: float = 0.0
     along_m: float = 0.0
     conditions: tuple[str, ...] = ()
+    clouds: tuple[Thing, ...] = ()
 
     def __post_init__(self) -> None:
         named = [thing.id for thing in self.things if thing.id]
@@ -78,8 +81,8 @@ class Scene:
         """
         along = self.along_m + self.speed_mps * t_s
         way = pose_on(self.road, along, 0.0) @ inverse(pose_on(self.road, self.along_m, 0.0))
-        things = tuple(moved(thing, t_s) for thing in self.things)
-        return replace(self, things=things, T_world_car=way @ self.T_world_car, along_m=along)
+        things, clouds = (tuple(moved(thing, t_s) for thing in some) for some in (self.things, self.clouds))
+        return replace(self, things=things, clouds=clouds, T_world_car=way @ self.T_world_car, along_m=along)
 
 
 def on_road(thing: Thing, road: Road, nearest_m: float, left_m: float, yaw_rad: float = 0.0) -> Thing:

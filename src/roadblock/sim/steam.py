@@ -1,4 +1,4 @@
-"""Steam: a thing that takes light away and adds its own, and that nothing can touch."""
+"""Steam: clouds that take light away and add their own."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,8 +8,6 @@ from roadblock.geometry.pose import pose
 from roadblock.sim.solids import Part, Thing, ellipsoid
 from roadblock.values.checks import FloatArray
 
-STEAM = "steam"
-"""Type of things whose parts are puffs: balls of Gaussian density, two sigmas to each side."""
 THICKNESS, FADE_M = 0.6, 1.2
 """Optical thickness of a fresh puff through its middle; after so much way, a puff has 1/e of that."""
 BRIGHTNESS = 0.75
@@ -34,7 +32,7 @@ def steam(rng: np.random.Generator) -> Thing:
             ellipsoid(np.full(3, 2 * (LEAST_M + GROWTH * s)), p, (255, 255, 255)) for p, s in zip(at, way, strict=True)
         )
 
-    return Thing(0, STEAM, "white", puffs(0.0), pose(np.eye(3), np.zeros(3)), SPEED_MPS * rise, 0.0, puffs)
+    return Thing(0, "steam", "white", puffs(0.0), pose(np.eye(3), np.zeros(3)), SPEED_MPS * rise, 0.0, puffs)
 
 
 def veiled(light: NDArray[np.float32], far_m: FloatArray, ways: FloatArray, eye_m: FloatArray, cloud: Thing) -> None:
@@ -49,7 +47,7 @@ def veiled(light: NDArray[np.float32], far_m: FloatArray, ways: FloatArray, eye_
     eye_m
         (3,) the camera in the world.
     cloud
-        Of type `STEAM`.
+        Its parts are puffs: balls of Gaussian density, two sigmas to each side.
     """
     thickness = np.zeros(far_m.shape)
     for part in cloud.parts:

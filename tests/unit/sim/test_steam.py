@@ -4,19 +4,18 @@ import numpy as np
 import pytest
 
 from roadblock.geometry.pose import pose
-from roadblock.sim.car import Body, CarState, Obstruction
-from roadblock.sim.observed import Noise, observe
+from roadblock.sim.challenges import CHALLENGES
 from roadblock.sim.render import render
 from roadblock.sim.road import Road
 from roadblock.sim.scene import Scene, camera_pose
 from roadblock.sim.solids import Thing, ellipsoid, moved
-from roadblock.sim.steam import BRIGHTNESS, FADE_M, GROWTH, LEAST_M, STEAM, THICKNESS, WAY_M, steam, veiled
-from roadblock.values.camera import Camera, Rectification, StereoRig
+from roadblock.sim.steam import BRIGHTNESS, FADE_M, GROWTH, LEAST_M, THICKNESS, WAY_M, steam, veiled
+from roadblock.values.camera import Camera, StereoRig
 
 
 def puff(at_m: tuple[float, float, float], way_m: float = 0.0) -> Thing:
     half = np.full(3, 2 * (LEAST_M + GROWTH * way_m))
-    return Thing(0, STEAM, "white", (ellipsoid(half, at_m, (255, 255, 255)),))
+    return Thing(0, "steam", "white", (ellipsoid(half, at_m, (255, 255, 255)),))
 
 
 @pytest.mark.parametrize(
@@ -54,13 +53,13 @@ def test_steam_rises_from_where_it_is_and_never_ends() -> None:
         assert np.hypot(at[:, 0], at[:, 1]).max() < 0.7 * WAY_M
 
 
-def test_nobody_touches_or_finds_it() -> None:
-    cloud, car = steam(np.random.default_rng(1)), CarState(-5.0, 0.0, 0.0, 8.0)
-    assert Obstruction(cloud).clearance_m(CarState(0.0, 0.0, 0.0, 8.0), Body()) == np.inf
-    twin = Rectification(516.5, 326.2, 80.3, 0.205, (640, 260))
-    seen = observe((cloud,), Road(), car, twin, np.random.default_rng(0), Noise(unknown=0.0))
-    assert seen.free_space.is_blocked is not None
-    assert not seen.free_space.is_blocked.any()
+def test_it_is_in_nobodys_way_and_moves_with_its_scene() -> None:
+    scene = CHALLENGES["steam"](0).scene
+    (cloud,) = scene.clouds
+    assert cloud.type == "steam"
+    assert all(thing.type != "steam" for thing in scene.things)
+    (later,) = scene.at(0.5).clouds
+    np.testing.assert_allclose(later.T_world_thing[:3, 3] - cloud.T_world_thing[:3, 3], 0.5 * cloud.velocity_mps)
 
 
 @pytest.mark.parametrize("lens", ["pinhole", "kannala_brandt"])
@@ -69,7 +68,8 @@ def test_a_cloud_shows_where_it_is_and_hides_nothing_from_the_truth(lens: str) -
     rig = StereoRig(camera, camera, pose(np.eye(3), [0.2, 0.0, 0.0]))
     cloud = puff((6.0, 0.1, 1.4))
     with_it, without = (
-        render(Scene(things, Road(), camera_pose()), rig, quality="preview", noise=0) for things in ((cloud,), ())
+        render(Scene((), Road(), camera_pose(), clouds=clouds), rig, quality="preview", noise=0)
+        for clouds in ((cloud,), ())
     )
     changed = (with_it.pair.left != without.pair.left).any(-1)
     v, u = np.nonzero(changed)

@@ -74,7 +74,7 @@ def _rows(arrays: list[FloatArray], width: int) -> FloatArray:
 CONFIRMED = 2
 """Measured so often, an obstacle has a track."""
 LOST_S = 0.35
-"""After a longer time unseen, it must be measured again before it is said to move or to stand: it may be another one."""
+"""After a longer time unseen it is measured again before it is said to move or to stand: it may be another one."""
 
 
 @dataclass(eq=False)
