@@ -69,6 +69,7 @@ def test_the_noise_is_the_settings_own_and_inputs_are_untouched() -> None:
     ("bad", "says"),
     [
         ({"block_px": 4}, "must be odd"),
+        ({"matcher": "onnx", "both_ways": True}, "both_ways is for sgbm, bm and region"),
         ({"block_px": 23}, "less than or equal to 21"),
         ({"disparities": 100}, "multiple of 16"),
         ({"matcher": "none"}, "'bm' or 'onnx'"),

@@ -1,11 +1,11 @@
 """What can be set about matching, and what a matcher is."""
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from roadblock.values.frame import Gray
 
@@ -45,6 +45,12 @@ class MatchSettings(BaseModel):
         if block_px % 2 == 0:
             raise ValueError("must be odd")
         return block_px
+
+    @model_validator(mode="after")
+    def _is_asked_for_what_it_can(self) -> Self:
+        if self.both_ways and self.matcher == "onnx":
+            raise ValueError("both_ways is for sgbm, bm and region: a network takes both images at once; leave it out")
+        return self
 
 
 Matcher = Callable[[Gray, Gray, MatchSettings], NDArray[np.float32]]
