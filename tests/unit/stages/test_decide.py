@@ -558,6 +558,15 @@ def test_a_column_is_of_the_thing_whose_range_it_ends_at() -> None:
     assert at_m[:, 1].max() < -0.9
 
 
+def test_whose_columns_are_all_of_others_is_behind_them() -> None:
+    """A row of parked cars was one thing a moment ago; now its columns end at one of them."""
+    row, car = Thing(12.0, -5.0, 9.0, coasted_s=0.2, id=4), Thing(11.0, -2.3, 1.5)
+    hazards, _ = Layout(TWIN, None).faces([obstacle(row), obstacle(car)], free_space([car]))
+    assert set(hazards.number) == {3}
+    hazards, _ = Layout(TWIN, None).faces([obstacle(row)], free_space([]))
+    assert set(hazards.number) == {4}  # what ends no columns has its width
+
+
 @pytest.mark.parametrize("is_tracked", [False, True])
 def test_what_is_new_leaves_no_traces(is_tracked: bool) -> None:
     thing = Thing(15.0, 0.0, 1.6, motion="unknown", is_tracked=is_tracked, age_s=0.2)

@@ -125,15 +125,21 @@ def outline(
                 off_m[c], nearest[c] = off, k
     at_m, owner, m = np.empty((most, 2)), np.empty(most, np.int64), 0
     for k in range(tracked):
-        begin = m
-        for c in range(columns):
-            if nearest[c] != k or not sides_px[k, 0] <= grid[0] + grid[1] * c < sides_px[k, 1]:
+        begin, shared = m, 0
+        near_m = max(BESIDE_SHARE * range_m[k], DEEP_M) + size_m[k, 1]
+        first = max(0, math.ceil((sides_px[k, 0] - grid[0]) / grid[1]))
+        last = min(columns, math.ceil((sides_px[k, 1] - grid[0]) / grid[1]))
+        for c in range(first, last):
+            if not abs(free_m[c] - range_m[k]) <= near_m:
+                continue
+            shared += 1
+            if nearest[c] != k:
                 continue
             z = max(free_m[c], range_m[k])
             x = (grid[0] + grid[1] * c - twin[1]) / twin[0] * z - twin[3] / 2
             at_m[m, 0], at_m[m, 1] = R[0, 0] * x + R[0, 1] * z, R[1, 0] * x + R[1, 1] * z
             m += 1
-        if m - begin < 2:
+        if shared < 2:
             count = max(2, math.ceil(size_m[k, 0] / FACE_STEP_M) + 1)
             m = begin + count
             for i in range(count):

@@ -117,7 +117,7 @@ def outline(
     """Return points (m, 2) along the faces of things, (m,) of which, and (c,) which columns end at what stands.
 
     Its columns tell how a side runs, its range how near it comes; without columns its width does. A column is of the
-    thing to whose range it ends nearest.
+    thing to whose range it ends nearest; whose columns are all of others is behind them.
 
     Parameters
     ----------
@@ -145,8 +145,9 @@ def outline(
     nearest = off_m.argmin(0)
     points, owners = [np.zeros((0, 2))], [np.zeros(0, np.int64)]
     for k in range(tracked):
-        mine = (u >= sides_px[k, 0]) & (u < sides_px[k, 1]) & np.isfinite(off_m[k]) & (nearest == k)
-        if mine.sum() > 1:
+        shared = (u >= sides_px[k, 0]) & (u < sides_px[k, 1]) & np.isfinite(off_m[k])
+        mine = shared & (nearest == k)
+        if shared.sum() > 1:
             at_m = place(u[mine], np.maximum(free_m[mine], range_m[k]), twin, R)
         else:
             count = max(2, int(np.ceil(size_m[k, 0] / FACE_STEP_M)) + 1)
