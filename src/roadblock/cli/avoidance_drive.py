@@ -10,10 +10,11 @@ import numpy as np
 from roadblock.config import Settings
 from roadblock.geometry.pose import pose
 from roadblock.pipeline import Pipeline
-from roadblock.sim.car import Body, CarState, Obstruction, can_go_on, clearance_m
+from roadblock.sim.car import Body, CarState, Obstruction, can_go_on, clearance_m, is_on
 from roadblock.sim.challenges import CHALLENGES, GRID, Challenge
 from roadblock.sim.observed import Noise, measured_step, observe
 from roadblock.sim.render import render
+from roadblock.sim.road import Road, place_on, pose_on
 from roadblock.stages.decide import Decider, DecideSettings
 from roadblock.stages.rectify import plan_rectification
 from roadblock.stages.track import Tracker
@@ -138,7 +139,7 @@ def drive(scenario: str, seed: int, look: Look, film: Film | None = None) -> dic
                 log.false_reason = log.false_reason or _needless(world, t_s, car, body, decision)
             log.actions.append(decision.action)
         waiting.append(decision)
-        car = _obeyed(car, waiting.popleft(), challenge.speed_mps)
+        car = _obeyed(car, waiting.popleft(), challenge.speed_mps, challenge.scene.road)
         step += 1
         log.stood_s = log.stood_s + STEP_S if car.speed_mps < STANDS_MPS else 0.0
         ended = _ended(world, step * STEP_S, car, body, log)
@@ -148,7 +149,7 @@ def drive(scenario: str, seed: int, look: Look, film: Film | None = None) -> dic
         "outcome": ended.outcome,
         "reason": ended.reason,
         "impact_mps": ended.impact_mps,
-        "km": round(float(car.x_m - challenge.start_m[0]) / 1000, 4),
+        "km": round(_gone_m(challenge, car) / 1000, 4),
         "nearest_m": round(log.nearest_m, 3) if np.isfinite(log.nearest_m) else None,
         "at_m": [round(float(car.x_m), 2), round(float(car.y_m), 2)],
         "speed_mps": round(car.speed_mps, 2),
@@ -156,10 +157,16 @@ def drive(scenario: str, seed: int, look: Look, film: Film | None = None) -> dic
     }
 
 
-def _obeyed(car: CarState, decision: Decision, wanted_mps: float) -> CarState:
+def _gone_m(challenge: Challenge, car: CarState) -> float:
+    return place_on(challenge.scene.road, car.x_m, car.y_m)[0] - challenge.start_m[0]
+
+
+def _obeyed(car: CarState, decision: Decision, wanted_mps: float, road: Road) -> CarState:
     """Return the car a step later: the driver keeps speed and direction of the road, a decision goes before."""
     gain = min(GAINING_MPS2, (wanted_mps - car.speed_mps) / STEP_S)
-    home = -car.heading_rad / max(4.0, 0.8 * car.speed_mps)
+    along, left, turn = place_on(road, car.x_m, car.y_m)
+    bend = road.curvature_per_m / (1 - road.curvature_per_m * left) if along > road.curve_from_m else 0.0
+    home = bend - (car.heading_rad - turn) / max(4.0, 0.8 * car.speed_mps)
     if decision.action == "brake":
         return car.driven(-decision.deceleration_mps2, decision.curvature_per_m or home, STEP_S)
     if decision.action == "swerve":
@@ -193,8 +200,11 @@ class World:
 
 def _needless(world: World, t_s: float, car: CarState, body: Body, decision: Decision) -> str:
     """Return why an action was a false one; empty if something stood or came in the way."""
+    road = world.challenge.scene.road
+    along, left, _ = place_on(road, car.x_m, car.y_m)
     for ahead_s in np.arange(0, FREE_S, 0.1):
-        there = replace(car, x_m=car.x_m + ahead_s * world.challenge.speed_mps, heading_rad=0.0)
+        T = pose_on(road, along + ahead_s * world.challenge.speed_mps, left, upright=True)
+        there = replace(car, x_m=T[0, 3], y_m=T[1, 3], heading_rad=float(np.arctan2(T[1, 0], T[0, 0])))
         if clearance_m(world.about(t_s + ahead_s), there, body)[0] < FREE_M:
             return ""
     return f"{decision.action} on a free road after {t_s:.1f} s: {decision.reason}"
@@ -208,16 +218,16 @@ def _ended(world: World, t_s: float, car: CarState, body: Body, log: Log) -> End
     log.nearest_m = min(log.nearest_m, gap_m)
     if gap_m <= 0:
         return _touched(challenge, what, t_s, car)
-    if not road.right_m < car.y_m - body.width_m / 2 < car.y_m + body.width_m / 2 < road.left_m:
+    if not is_on(road, car, body):
         return Ended("failed", f"left the road after {t_s:.1f} s")
     good = Ended("false", log.false_reason) if log.false_reason else None
     if log.stood_s >= STANDS_S:
-        if challenge.goes_on or can_go_on(world.still, car, body, (road.right_m, road.left_m)):
+        if challenge.goes_on or can_go_on(world.still, car, body, road):
             return good or Ended("effective", f"stands {gap_m:.1f} m before a {what} and can go on")
         return Ended("failed", f"stands {gap_m:.1f} m before a {what} and cannot go on")
     named = [thing for thing in things if thing.thing.id]
     past = bool(named) and all(t.at_m[0] + t.size_m < car.x_m - body.rear_m for t in named)
-    if past or car.x_m - challenge.start_m[0] >= challenge.length_m:
+    if past or _gone_m(challenge, car) >= challenge.length_m:
         return good or Ended("effective", "passed everything" if past else "reached the end")
     if t_s >= LONGEST_S:
         return good or Ended("effective", "still driving when time was up")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roadblock.geometry.pose import pose, rotation_from_rotvec
+from roadblock.sim.road import Road, place_on
 from roadblock.sim.scene import camera_pose
 from roadblock.sim.solids import Part, Thing
 from roadblock.values.checks import FloatArray
@@ -109,7 +110,13 @@ def clearance_m(things: Iterable[Obstruction], car: CarState, body: Body) -> tup
     return min(found, default=(float("inf"), ""))
 
 
-def can_go_on(things: Iterable[Obstruction], car: CarState, body: Body, sides_m: tuple[float, float]) -> bool:
+def is_on(road: Road, car: CarState, body: Body) -> bool:
+    """Return whether a car is between the edges of the road, by where its cameras are."""
+    _, left, _ = place_on(road, car.x_m, car.y_m)
+    return road.right_m < left - body.width_m / 2 and left + body.width_m / 2 < road.left_m
+
+
+def can_go_on(things: Iterable[Obstruction], car: CarState, body: Body, road: Road) -> bool:
     """Return whether a standing car can drive past all that is near, forwards, on the road.
 
     Parameters
@@ -118,8 +125,8 @@ def can_go_on(things: Iterable[Obstruction], car: CarState, body: Body, sides_m:
         Where they are now.
     car, body
         The car.
-    sides_m
-        Right and left edge of the road.
+    road
+        What it must stay on.
     """
     near = [thing for thing in things if np.hypot(*(thing.at_m - (car.x_m, car.y_m))) < NEAR_M + thing.size_m]
     for side in (1, -1):
@@ -129,8 +136,7 @@ def can_go_on(things: Iterable[Obstruction], car: CarState, body: Body, sides_m:
                 s = 0.25 * step
                 curvature = side / TURN_M if s < shift_m else -side / TURN_M if s < 2 * shift_m else 0.0
                 state = state.driven(0.0, curvature, 0.125)
-                on_road = sides_m[0] < state.y_m - body.width_m / 2 and state.y_m + body.width_m / 2 < sides_m[1]
-                if not on_road or clearance_m(near, state, body)[0] <= 0:
+                if not is_on(road, state, body) or clearance_m(near, state, body)[0] <= 0:
                     good = False
                     break
             if good:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roadblock.geometry.pose import pose
-from roadblock.sim.road import Mark, Road
+from roadblock.sim.road import Mark, Road, pose_on
 from roadblock.sim.scene import Scene, on_road, roadside
 from roadblock.sim.scenes import (
     AWAY,
@@ -24,7 +24,8 @@ from roadblock.sim.scenes import (
 )
 from roadblock.sim.solids import Thing, box, moved, placed
 from roadblock.sim.steam import steam
-from roadblock.sim.things import SIGNS, Order, bridge, tree
+from roadblock.sim.things import SIGNS, Order, bridge, railing, tree
+from roadblock.sim.things.colors import STEEL
 from roadblock.values.checks import FloatArray
 
 LANE_M = -0.6
@@ -32,6 +33,8 @@ LANE_M = -0.6
 SPEED_MPS = 30 * KMH
 KERB_M = 0.12
 """Every road ends at kerbs: an edge that is only painted is not seen."""
+RAIL_M = 4.0
+"""Length of one part of a guard rail."""
 PASSAGE_M = 4.5
 """Between two cars that stand on both sides."""
 
@@ -95,7 +98,12 @@ def _street(seed: int, stands: tuple[Stand, ...], road: Road | None = None) -> S
 def _beside(thing: Thing, road: Road) -> Thing:
     """Return a house or a tree that stands beside the default road as far beside another one."""
     further_m = road.left_m - Road().left_m if thing.T_world_thing[1, 3] > 0 else road.right_m - Road().right_m
-    return replace(thing, T_world_thing=pose(np.eye(3), [0.0, further_m, 0.0]) @ thing.T_world_thing)
+    T = pose(np.eye(3), [0.0, further_m, 0.0]) @ thing.T_world_thing
+    if road.curvature_per_m:
+        x, y, z = T[:3, 3]
+        flat = replace(road, kerb_m=0.0)
+        T = pose_on(flat, x, y, upright=True) @ pose(T[:3, :3], [0.0, 0.0, z])
+    return replace(thing, T_world_thing=T)
 
 
 def _rng(seed: int, number: int) -> np.random.Generator:
@@ -267,6 +275,20 @@ def _signs(seed: int) -> Challenge:
     )
 
 
+def _bend(seed: int) -> Challenge:
+    # A bend with a guard rail along its outer side, behind which, straight ahead, a car is parked.
+    rng = _rng(seed, 16)
+    side = int(rng.choice([-1, 1]))
+    road = Road(kerb_m=KERB_M, curvature_per_m=side / rng.uniform(60, 150), curve_from_m=rng.uniform(14, 22))
+    edge = road.right_m if side > 0 else road.left_m
+    car = Stand(Order("car", 0), road.curve_from_m + rng.uniform(14, 22), edge - side * rng.uniform(2.5, 3.5))
+    rails = [
+        on_road(railing(0, "grey", STEEL, RAIL_M, 0.8, bars=False), road, x, edge - 0.6 * side)
+        for x in np.arange(road.curve_from_m - 4, 70, RAIL_M)
+    ]
+    return Challenge(_with(_street(seed, (car,), road), *rails), length_m=60.0)
+
+
 CHALLENGES: dict[str, Callable[[int], Challenge]] = {
     "paper": _paper,
     "standing": _standing,
@@ -284,6 +306,7 @@ CHALLENGES: dict[str, Callable[[int], Challenge]] = {
     "steam": _steam,
     "signs": _signs,
     "between": _between,
+    "bend": _bend,
 }
 """What a drive can meet: seed -> Challenge."""
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from roadblock.geometry.pose import inverse, rotation_from_rotvec, transform, vehicle_from_car
 from roadblock.sim.car import HEIGHT_M, OVER_M, CarState
-from roadblock.sim.road import Road
+from roadblock.sim.road import Road, place_on
 from roadblock.sim.solids import Part, Thing, corners_m
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
@@ -120,19 +120,30 @@ def _edges(
     rng: np.random.Generator,
     noise: Noise,
 ) -> RoadEdges:
-    """Return the kerbs of a straight road, as far as they are seen."""
+    """Return the kerbs, as far as they are seen."""
     z = np.full(len(u), np.nan)
     if road.kerb_m:
+        along, left, turn = place_on(road, car.x_m, car.y_m)
         aside = -(u - twin.cx_px) / twin.f_px  # to the left, by metre ahead
-        c, s = np.cos(car.heading_rad), np.sin(car.heading_rad)
-        with np.errstate(divide="ignore"):
-            ranges = [(side - car.y_m) / (s + aside * c) for side in (road.right_m, road.left_m)]
+        c, s = np.cos(car.heading_rad - turn), np.sin(car.heading_rad - turn)
+        bend = road.curvature_per_m if along > road.curve_from_m else 0.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ranges = [_crossed_m(side - left, s + aside * c, bend / 2) for side in (road.right_m, road.left_m)]
         first = np.min(np.where(np.array(ranges) > 0, ranges, np.inf), axis=0)
         fb = twin.f_px * twin.baseline_m
         first = fb / np.maximum(fb / first + rng.normal(0, noise.column_px, len(u)), 0.5)
         z = np.where((first < noise.kerb_reach_m) & (first < range_m), first, np.nan)
     is_kerb = np.isfinite(z)
     return RoadEdges(z, np.where(is_kerb, road.kerb_m, np.nan), is_kerb.astype(np.uint8))
+
+
+def _crossed_m(left_m: float, slope: FloatArray, bend_per_m: float) -> FloatArray:
+    """Return how far ahead lines of these slopes meet `left + bend x^2`; NaN or below 0 where they do not."""
+    if not bend_per_m:
+        return np.asarray(left_m / slope)
+    root = np.sqrt(slope**2 - 4 * bend_per_m * left_m)
+    nearer, farther = np.sort([(slope - root) / (2 * bend_per_m), (slope + root) / (2 * bend_per_m)], axis=0)
+    return np.where(nearer > 0, nearer, farther)
 
 
 def _columns(thing: Thing, T_car_world: FloatArray, twin: Rectification, u: FloatArray) -> FloatArray:

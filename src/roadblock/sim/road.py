@@ -211,6 +211,12 @@ def normal(road: Road, x_m: float, y_m: float) -> FloatArray:
     return np.array(raycast.ground_normal(ground_of(road), float(x_m), float(y_m)))
 
 
+def place_on(road: Road, x_m: float, y_m: float) -> tuple[float, float, float]:
+    """Return where a point of the world is on the road, along and to the left, and where the road leads there, rad."""
+    along, left, _, _ = raycast.on_road(ground_of(road), float(x_m), float(y_m))
+    return along, left, road.curvature_per_m * max(along - road.curve_from_m, 0.0)
+
+
 def pose_on(road: Road, along_m: float, left_m: float, yaw_rad: float = 0.0, *, upright: bool = False) -> FloatArray:
     """Return the 4x4 pose in the world of what stands on the road.
 

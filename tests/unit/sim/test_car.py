@@ -73,8 +73,8 @@ def test_clearance_of_a_real_thing_is_to_its_nearest_face() -> None:
 
 
 def test_it_can_go_on_where_there_is_room() -> None:
-    car, sides = CarState(0, 0, 0, 0), (-3.0, 5.0)
-    assert can_go_on([block(7.0, 0.0)], car, BODY, sides)
-    assert not can_go_on([block(2.0, 0.0)], car, BODY, sides)  # too near to turn
-    assert not can_go_on([block(7.0, 1.0, (1, 9, 1))], car, BODY, sides)
-    assert not can_go_on([block(7.0, 0.0, (1, 2, 1))], car, BODY, (-1.2, 1.2))
+    car, road = CarState(0, 0, 0, 0), Road(-3.0, 5.0)
+    assert can_go_on([block(7.0, 0.0)], car, BODY, road)
+    assert not can_go_on([block(2.0, 0.0)], car, BODY, road)  # too near to turn
+    assert not can_go_on([block(7.0, 1.0, (1, 9, 1))], car, BODY, road)
+    assert not can_go_on([block(7.0, 0.0, (1, 2, 1))], car, BODY, Road(-1.2, 1.2))

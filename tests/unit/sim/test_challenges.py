@@ -7,6 +7,7 @@ from roadblock.geometry.pose import pose
 from roadblock.sim.car import Body, CarState, Obstruction, clearance_m
 from roadblock.sim.challenges import ALLOWED_KMH, CHALLENGES, FRONT_M, GRID, LANE_M
 from roadblock.sim.render import render
+from roadblock.sim.road import Road, pose_on
 from roadblock.values.camera import Camera, StereoRig
 
 
@@ -56,7 +57,7 @@ def test_only_what_is_known_is_required() -> None:
     assert ALLOWED_KMH["grid bicycle crossing at 15 km/h 20"] is None
 
 
-FREE = ("parked", "empty", "shadows", "bridge", "steam", "signs", "between")
+FREE = ("parked", "empty", "shadows", "bridge", "steam", "signs", "between", "bend")
 
 
 @pytest.mark.parametrize("name", FREE)
@@ -65,8 +66,29 @@ def test_on_a_free_road_nothing_comes_near(name: str) -> None:
         one = CHALLENGES[name](seed)
         things = [Obstruction(thing) for thing in one.things_at(1.0)]
         for gone_m in np.arange(0.0, one.length_m, 1.5):
-            car = CarState(one.start_m[0] + gone_m, one.start_m[1], 0.0, one.speed_mps)
+            T = pose_on(one.scene.road, one.start_m[0] + gone_m, one.start_m[1], upright=True)
+            car = CarState(T[0, 3], T[1, 3], float(np.arctan2(T[1, 0], T[0, 0])), one.speed_mps)
             assert clearance_m(things, car, Body())[0] > 0.3, (seed, gone_m)
+
+
+def test_no_house_stands_on_the_road() -> None:
+    for name in ("fork", "parked", "bend"):
+        scene = CHALLENGES[name](1).scene
+        beside = [Obstruction(thing) for thing in scene.things if thing.type in ("house", "tree")]
+        assert len(beside) == 12
+        for car in along(scene.road):
+            assert clearance_m(beside, car, Body())[0] > 0.3, (name, car)
+
+
+def along(road: Road) -> list[CarState]:
+    """Return a car at both edges of a road."""
+    inner = Body().width_m / 2
+    places = [
+        pose_on(road, x, left, upright=True)
+        for x in np.arange(0.0, 110.0, 3.0)
+        for left in (road.right_m + inner, road.left_m - inner)
+    ]
+    return [CarState(T[0, 3], T[1, 3], float(np.arctan2(T[1, 0], T[0, 0])), 8.0) for T in places]
 
 
 def test_shadows_fall_on_the_lane_and_a_bridge_darkens_it() -> None:

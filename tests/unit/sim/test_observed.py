@@ -8,7 +8,7 @@ import pytest
 from roadblock.geometry.pose import inverse, transform
 from roadblock.sim.car import CarState
 from roadblock.sim.observed import Noise, Observed, measured_step, observe
-from roadblock.sim.road import Road
+from roadblock.sim.road import Road, place_on, pose_on
 from roadblock.sim.scene import on_road
 from roadblock.sim.solids import Thing, box
 from roadblock.sim.things import Order, build
@@ -75,6 +75,21 @@ def test_kerbs_are_seen_where_they_are() -> None:
     assert np.minimum(np.abs(left + 3.1), np.abs(left - 5.6)).max() < 1e-9
     assert see(()).free_space.edges is not None
     assert not np.isfinite(see(()).free_space.edges.range_m).any()  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("bend_per_m", [0.02, -0.015])
+def test_kerbs_of_a_bend_are_seen_where_they_are(bend_per_m: float) -> None:
+    road = replace(Road(), kerb_m=0.12, curvature_per_m=bend_per_m, curve_from_m=-20.0)
+    T = pose_on(road, 10.0, -0.6, upright=True)
+    car = CarState(T[0, 3], T[1, 3], float(np.arctan2(T[1, 0], T[0, 0])), 8.0)
+    seen = see((), road, car=car).free_space
+    assert seen.edges is not None
+    at = np.isfinite(seen.edges.range_m)
+    z, x = seen.edges.range_m[at], (seen.u_px[at] - TWIN.cx_px) / TWIN.f_px * seen.edges.range_m[at]
+    world = transform(car.T_world_car, np.stack([x, np.zeros(len(x)), z], -1))
+    left = np.array([place_on(road, *point[:2])[1] for point in world])
+    assert at.sum() > 20
+    assert np.minimum(np.abs(left + 3.1), np.abs(left - 5.6)).max() < 0.1  # an arc, not quite a parabola
 
 
 def test_own_motion_is_the_true_one_and_its_noise() -> None:

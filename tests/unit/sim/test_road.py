@@ -6,7 +6,7 @@ import pytest
 from roadblock.errors import ValueRefusedError
 from roadblock.sim import raycast
 from roadblock.sim.render import render
-from roadblock.sim.road import Line, Mark, Road, ground_of, height_m, normal, pose_on
+from roadblock.sim.road import Line, Mark, Road, ground_of, height_m, normal, place_on, pose_on
 from roadblock.sim.scene import Scene, camera_pose
 from roadblock.values.camera import Camera, StereoRig
 
@@ -95,6 +95,7 @@ def test_what_stands_on_the_road_stands_where_its_coordinates_say(name, along_m)
         x, y, z = T[:3, 3]
         along, left, to_left_x, to_left_y = raycast.on_road(ground_of(road), x, y)
         assert (along, left) == pytest.approx((along_m, 1.3), abs=1e-9)
+        assert place_on(road, x, y) == pytest.approx((along_m, 1.3, np.arctan2(-to_left_x, to_left_y)), abs=1e-9)
         assert z == pytest.approx(surface(road, x, y), abs=1e-12)
         assert T[:3, 2] == pytest.approx([0, 0, 1] if upright else normal(road, x, y))
         assert np.linalg.det(T[:3, :3]) == pytest.approx(1)
