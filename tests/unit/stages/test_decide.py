@@ -567,6 +567,13 @@ def test_whose_columns_are_all_of_others_is_behind_them() -> None:
     assert set(hazards.number) == {4}  # what ends no columns has its width
 
 
+def test_where_sight_ends_nothing_stands() -> None:
+    wall = Thing(30.0, -8.0, 12.0)
+    seen = free_space([replace(wall, y=-10.0, width=8.0)], reach_m=30.5)
+    hazards, _ = Layout(TWIN, None).faces([obstacle(wall)], seen)
+    assert hazards.at_m[:, 1].max() == pytest.approx(-6.0, abs=0.2)
+
+
 @pytest.mark.parametrize("is_tracked", [False, True])
 def test_what_is_new_leaves_no_traces(is_tracked: bool) -> None:
     thing = Thing(15.0, 0.0, 1.6, motion="unknown", is_tracked=is_tracked, age_s=0.2)

@@ -117,7 +117,7 @@ def outline(
         last = min(columns, math.ceil((sides_px[k, 1] + edge_px - grid[0]) / grid[1]))
         for c in range(first, last):
             off = abs(free_m[c] - range_m[k])
-            if not off <= near_m:
+            if not (is_blocked[c] and off <= near_m):
                 continue
             if is_fast or is_new[k]:
                 ends[c] = False
@@ -130,7 +130,7 @@ def outline(
         first = max(0, math.ceil((sides_px[k, 0] - grid[0]) / grid[1]))
         last = min(columns, math.ceil((sides_px[k, 1] - grid[0]) / grid[1]))
         for c in range(first, last):
-            if not abs(free_m[c] - range_m[k]) <= near_m:
+            if not (is_blocked[c] and abs(free_m[c] - range_m[k]) <= near_m):
                 continue
             shared += 1
             if nearest[c] != k:

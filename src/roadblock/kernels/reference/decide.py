@@ -139,7 +139,8 @@ def outline(
         edge_px = max(EDGE_PX, EDGE_M * twin[0] / range_m[k]) if is_fast else 0.0
         with np.errstate(invalid="ignore"):
             beside = (u >= sides_px[k, 0] - edge_px) & (u < sides_px[k, 1] + edge_px)
-            off_m[k] = np.where(beside & (np.abs(free_m - range_m[k]) <= near_m), np.abs(free_m - range_m[k]), np.inf)
+            off = np.abs(free_m - range_m[k])
+            off_m[k] = np.where(beside & is_blocked & (off <= near_m), off, np.inf)
         if is_fast or is_new[k]:
             ends &= ~np.isfinite(off_m[k])
     nearest = off_m.argmin(0)
