@@ -143,7 +143,7 @@ def _crossed_m(left_m: float, slope: FloatArray, bend_per_m: float) -> FloatArra
         return np.asarray(left_m / slope)
     root = np.sqrt(slope**2 - 4 * bend_per_m * left_m)
     nearer, farther = np.sort([(slope - root) / (2 * bend_per_m), (slope + root) / (2 * bend_per_m)], axis=0)
-    return np.where(nearer > 0, nearer, farther)
+    return np.asarray(np.where(nearer > 0, nearer, farther))
 
 
 def _columns(thing: Thing, T_car_world: FloatArray, twin: Rectification, u: FloatArray) -> FloatArray:

@@ -149,8 +149,8 @@ class Layout:
             self.R_road,
         )
         numbers = number.astype(np.int64)
-        parts = speeds, sigma_m, sigmas, numbers, doubt, likely
-        return Hazards(at_m, *(part[owner] for part in parts)), ends
+        of = owner
+        return Hazards(at_m, speeds[of], sigma_m[of], sigmas[of], numbers[of], doubt[of], likely[of]), ends
 
     def is_seen_free(self, at_m: FloatArray, free: FreeSpace) -> NDArray[np.bool_]:
         """Return for points (n, 2) whether road was seen there, before anything that ends it."""
