@@ -149,8 +149,8 @@ class Layout:
             self.R_road,
         )
         numbers = number.astype(np.int64)
-        of = owner
-        return Hazards(at_m, speeds[of], sigma_m[of], sigmas[of], numbers[of], doubt[of], likely[of]), ends
+        sigma_m, sigmas, doubt, likely = sigma_m[owner], sigmas[owner], doubt[owner], likely[owner]
+        return Hazards(at_m, speeds[owner], sigma_m, sigmas, numbers[owner], doubt, likely), ends
 
     def is_seen_free(self, at_m: FloatArray, free: FreeSpace) -> NDArray[np.bool_]:
         """Return for points (n, 2) whether road was seen there, before anything that ends it."""
