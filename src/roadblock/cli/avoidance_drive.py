@@ -10,11 +10,11 @@ import numpy as np
 from roadblock.config import Settings
 from roadblock.geometry.pose import pose
 from roadblock.pipeline import Pipeline
-from roadblock.sim.car import Body, CarState, Obstruction, can_go_on, clearance_m, is_on
+from roadblock.sim.car import Body, CarState, Obstruction, can_go_on, car_on, clearance_m, is_on
 from roadblock.sim.challenges import CHALLENGES, GRID, Challenge
 from roadblock.sim.observed import Noise, measured_step, observe
 from roadblock.sim.render import render
-from roadblock.sim.road import Road, place_on, pose_on
+from roadblock.sim.road import Road, place_on
 from roadblock.stages.decide import Decider, DecideSettings
 from roadblock.stages.rectify import plan_rectification
 from roadblock.stages.track import Tracker
@@ -76,7 +76,8 @@ def rendered(rig: StereoRig, seed: int, quality: str) -> Look:
     pipeline = Pipeline(rig, Settings(decide=DecideSettings(enabled=True)))
 
     def look(challenge: Challenge, t_s: float, car: CarState) -> tuple[Decision, FrameResult, RectifiedPair]:
-        scene = replace(challenge.scene.at(t_s), things=challenge.things_at(t_s), T_world_car=car.T_world_car)
+        things, clouds = challenge.things_at(t_s), challenge.clouds_at(t_s)
+        scene = replace(challenge.scene, things=things, clouds=clouds, T_world_car=car.T_world_car)
         index = round(t_s / FRAME_S)
         t_ns = FIRST_NS + round(1e9 * t_s)
         picture = render(scene, rig, quality=quality, seed=1000 * seed + index, index=index, name=str(index), t_ns=t_ns)
@@ -203,8 +204,7 @@ def _needless(world: World, t_s: float, car: CarState, body: Body, decision: Dec
     road = world.challenge.scene.road
     along, left, _ = place_on(road, car.x_m, car.y_m)
     for ahead_s in np.arange(0, FREE_S, 0.1):
-        T = pose_on(road, along + ahead_s * world.challenge.speed_mps, left, upright=True)
-        there = replace(car, x_m=T[0, 3], y_m=T[1, 3], heading_rad=float(np.arctan2(T[1, 0], T[0, 0])))
+        there = car_on(road, along + ahead_s * world.challenge.speed_mps, left, car.speed_mps)
         if clearance_m(world.about(t_s + ahead_s), there, body)[0] < FREE_M:
             return ""
     return f"{decision.action} on a free road after {t_s:.1f} s: {decision.reason}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roadblock.geometry.pose import pose, rotation_from_rotvec
-from roadblock.sim.road import Road, place_on
+from roadblock.sim.road import Road, place_on, pose_on
 from roadblock.sim.scene import camera_pose
 from roadblock.sim.solids import Part, Thing
 from roadblock.values.checks import FloatArray
@@ -108,6 +108,12 @@ def clearance_m(things: Iterable[Obstruction], car: CarState, body: Body) -> tup
     """Return how far the car is from the nearest thing, and which that is."""
     found = [(thing.clearance_m(car, body), thing.thing.type) for thing in things]
     return min(found, default=(float("inf"), ""))
+
+
+def car_on(road: Road, along_m: float, left_m: float, speed_mps: float) -> CarState:
+    """Return a car that follows the road, by where on it its cameras are."""
+    T = pose_on(road, along_m, left_m, upright=True)
+    return CarState(T[0, 3], T[1, 3], float(np.arctan2(T[1, 0], T[0, 0])), speed_mps)
 
 
 def is_on(road: Road, car: CarState, body: Body) -> bool:

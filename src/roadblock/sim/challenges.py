@@ -71,6 +71,10 @@ class Challenge:
         """Return all things after so many seconds."""
         return tuple(self.thing_at(thing, t_s) if thing.velocity_mps.any() else thing for thing in self.scene.things)
 
+    def clouds_at(self, t_s: float) -> tuple[Thing, ...]:
+        """Return all clouds after so many seconds."""
+        return tuple(moved(cloud, t_s) for cloud in self.scene.clouds)
+
     def thing_at(self, thing: Thing, t_s: float) -> Thing:
         """Return one of the scene's things after so many seconds, if it moves."""
         v, braking_s = float(np.linalg.norm(thing.velocity_mps)), max(0.0, t_s - self.brakes_s)

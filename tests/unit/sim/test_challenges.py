@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from roadblock.geometry.pose import pose
-from roadblock.sim.car import Body, CarState, Obstruction, clearance_m
+from roadblock.sim.car import Body, CarState, Obstruction, car_on, clearance_m
 from roadblock.sim.challenges import ALLOWED_KMH, CHALLENGES, FRONT_M, GRID, LANE_M
 from roadblock.sim.render import render
-from roadblock.sim.road import Road, pose_on
+from roadblock.sim.road import Road
 from roadblock.values.camera import Camera, StereoRig
 
 
@@ -66,8 +66,7 @@ def test_on_a_free_road_nothing_comes_near(name: str) -> None:
         one = CHALLENGES[name](seed)
         things = [Obstruction(thing) for thing in one.things_at(1.0)]
         for gone_m in np.arange(0.0, one.length_m, 1.5):
-            T = pose_on(one.scene.road, one.start_m[0] + gone_m, one.start_m[1], upright=True)
-            car = CarState(T[0, 3], T[1, 3], float(np.arctan2(T[1, 0], T[0, 0])), one.speed_mps)
+            car = car_on(one.scene.road, one.start_m[0] + gone_m, one.start_m[1], one.speed_mps)
             assert clearance_m(things, car, Body())[0] > 0.3, (seed, gone_m)
 
 
@@ -83,12 +82,11 @@ def test_no_house_stands_on_the_road() -> None:
 def along(road: Road) -> list[CarState]:
     """Return a car at both edges of a road."""
     inner = Body().width_m / 2
-    places = [
-        pose_on(road, x, left, upright=True)
+    return [
+        car_on(road, x, left, 8.0)
         for x in np.arange(0.0, 110.0, 3.0)
         for left in (road.right_m + inner, road.left_m - inner)
     ]
-    return [CarState(T[0, 3], T[1, 3], float(np.arctan2(T[1, 0], T[0, 0])), 8.0) for T in places]
 
 
 def test_shadows_fall_on_the_lane_and_a_bridge_darkens_it() -> None:

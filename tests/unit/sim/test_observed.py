@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from roadblock.geometry.pose import inverse, transform
-from roadblock.sim.car import CarState
+from roadblock.sim.car import CarState, car_on
 from roadblock.sim.observed import Noise, Observed, measured_step, observe
-from roadblock.sim.road import Road, place_on, pose_on
+from roadblock.sim.road import Road, place_on
 from roadblock.sim.scene import on_road
 from roadblock.sim.solids import Thing, box
 from roadblock.sim.things import Order, build
@@ -80,8 +80,7 @@ def test_kerbs_are_seen_where_they_are() -> None:
 @pytest.mark.parametrize("bend_per_m", [0.02, -0.015])
 def test_kerbs_of_a_bend_are_seen_where_they_are(bend_per_m: float) -> None:
     road = replace(Road(), kerb_m=0.12, curvature_per_m=bend_per_m, curve_from_m=-20.0)
-    T = pose_on(road, 10.0, -0.6, upright=True)
-    car = CarState(T[0, 3], T[1, 3], float(np.arctan2(T[1, 0], T[0, 0])), 8.0)
+    car = car_on(road, 10.0, -0.6, 8.0)
     seen = see((), road, car=car).free_space
     assert seen.edges is not None
     at = np.isfinite(seen.edges.range_m)
