@@ -108,16 +108,16 @@ def outline(
             ends[c] = ends[c + 1] = True
     most = 2
     off_m, nearest = np.full(columns, np.inf), np.full(columns, -1)
+    deep_m = np.maximum(BESIDE_SHARE * range_m, DEEP_M) + size_m[:, 1]
     for k in range(n):
         most += columns + 2 + math.ceil(size_m[k, 0] / FACE_STEP_M)
-        near_m = max(BESIDE_SHARE * range_m[k], DEEP_M) + size_m[k, 1]
         is_fast = math.hypot(velocity_mps[k, 0], velocity_mps[k, 1]) > SLOW_MPS
         edge_px = max(EDGE_PX, EDGE_M * twin[0] / range_m[k]) if is_fast else 0.0
         first = max(0, math.ceil((sides_px[k, 0] - edge_px - grid[0]) / grid[1]))
         last = min(columns, math.ceil((sides_px[k, 1] + edge_px - grid[0]) / grid[1]))
         for c in range(first, last):
             off = abs(free_m[c] - range_m[k])
-            if not (is_blocked[c] and off <= near_m):
+            if not (is_blocked[c] and off <= deep_m[k]):
                 continue
             if is_fast or is_new[k]:
                 ends[c] = False
@@ -126,11 +126,10 @@ def outline(
     at_m, owner, m = np.empty((most, 2)), np.empty(most, np.int64), 0
     for k in range(tracked):
         begin, shared = m, 0
-        near_m = max(BESIDE_SHARE * range_m[k], DEEP_M) + size_m[k, 1]
         first = max(0, math.ceil((sides_px[k, 0] - grid[0]) / grid[1]))
         last = min(columns, math.ceil((sides_px[k, 1] - grid[0]) / grid[1]))
         for c in range(first, last):
-            if not (is_blocked[c] and abs(free_m[c] - range_m[k]) <= near_m):
+            if not (is_blocked[c] and abs(free_m[c] - range_m[k]) <= deep_m[k]):
                 continue
             shared += 1
             if nearest[c] != k:
