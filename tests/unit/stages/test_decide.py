@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from roadblock.geometry.pose import R_VEHICLE_CAR, inverse, pose, rotation_from_rotvec
+from roadblock.kernels.reference.decide import ALONE, OF_THING
 from roadblock.stages.decide import Decider, DecideSettings
 from roadblock.stages.decide.contact import find_contact
 from roadblock.stages.decide.hazards import Hazards, Layout
@@ -303,8 +304,14 @@ class Obeyed:
     """A car that obeys exactly, in closed form; things by their place over ground, from a moment on."""
 
     things: list[tuple[float, Thing]]
+    kerb_y: tuple[float, ...] = ()
+    kerb_from_s: float = 0.0
+    gone_s: tuple[float, float] = (99.0, 99.0)
+    """When nothing is found."""
     told: list[Decision] = field(default_factory=list)
     nearest_m: float = 99.0
+    right_m: float = 99.0
+    """How far to the right the car's side got."""
     speed: float = SPEED
     heading: float = 0.0
 
@@ -314,16 +321,18 @@ class Obeyed:
             c, s = math.cos(self.heading), math.sin(self.heading)
             there = [t.at(k * FRAME_S) for since, t in self.things if k * FRAME_S >= since]
             seen = [replace(t, x=(t.x - x) * c + (t.y - y) * s, y=(t.y - y) * c - (t.x - x) * s) for t in there]
-            ahead = [t for t in seen if t.x > 1.5]
+            ahead = [t for t in seen if t.x > 1.5 and not self.gone_s[0] <= k * FRAME_S < self.gone_s[1]]
+            kerb_y = tuple(kerb - y for kerb in self.kerb_y) if k * FRAME_S >= self.kerb_from_s else ()
             t_ns = START_NS + k * 100_000_000
             ego = step(t_ns, float(np.hypot(x - before[0], y - before[1])), self.heading - before[2]) if k else None
-            decision = decider.decide([obstacle(t) for t in ahead], free_space(ahead), ego, t_ns, ROAD)
+            decision = decider.decide([obstacle(t) for t in ahead], free_space(ahead, kerb_y), ego, t_ns, ROAD)
             self.told.append(decision)
             before = (x, y, self.heading)
             self.speed = max(0.0, self.speed - decision.deceleration_mps2 * FRAME_S)
             self.heading += decision.curvature_per_m * self.speed * FRAME_S
             x += self.speed * FRAME_S * math.cos(self.heading)
             y += self.speed * FRAME_S * math.sin(self.heading)
+            self.right_m = min(self.right_m, y - SETTINGS.width_m / 2)
             for t in there:
                 if -SETTINGS.rear_m < t.x - x < SETTINGS.front_m:
                     self.nearest_m = min(self.nearest_m, abs(t.y - y) - (SETTINGS.width_m + t.width) / 2)
@@ -433,23 +442,24 @@ def test_no_more_braking_is_wanted_than_leaves_room() -> None:
     assert found.needed_mps2 == pytest.approx(64 / (2 * (6.0 - 1.3 - 2.4 - 0.7)))
 
 
-def test_memory_needs_evidence_and_gives_in_to_it() -> None:
+@pytest.mark.parametrize(("evidence", "frames"), [(OF_THING, 3), (ALONE, 6)])
+def test_memory_needs_evidence_and_gives_in_to_it(evidence: int, frames: int) -> None:
     memory, own, layout = Memory(), OwnMotion(), Layout(TWIN, None)
     here = free_space([Thing(5.03, -1.2, 0.12)])
-    assert here.is_blocked is not None
-    for _ in range(2):
-        memory.take_in(here, here.range_m, here.is_blocked, 2.0, own, layout)
+    gained, nothing = np.where(here.ends, evidence, 0), np.zeros(len(U), np.int64)
+    for _ in range(frames - 1):
+        memory.take_in(here, here.range_m, gained, 2.0, own, layout)
     assert not len(memory.here_m)
-    memory.take_in(here, here.range_m, here.is_blocked, 2.0, own, layout)
+    memory.take_in(here, here.range_m, gained, 2.0, own, layout)
     np.testing.assert_allclose(memory.here_m, [[5.0, -1.2]])
     gone = free_space([])
-    memory.take_in(gone, gone.range_m, np.zeros(len(U), bool), math.nan, own, layout)
+    memory.take_in(gone, gone.range_m, nothing, math.nan, own, layout)
     assert len(memory.here_m)
-    memory.take_in(gone, gone.range_m, np.zeros(len(U), bool), 2.0, own, layout)
+    memory.take_in(gone, gone.range_m, nothing, 2.0, own, layout)
     assert not len(memory.here_m)
     assert len(memory)
     own.at_m = np.array([40.0, 0.0])
-    memory.take_in(gone, gone.range_m, np.zeros(len(U), bool), 2.0, own, layout)
+    memory.take_in(gone, gone.range_m, nothing, 2.0, own, layout)
     assert not len(memory)
 
 
@@ -582,6 +592,49 @@ def test_what_is_new_leaves_no_traces(is_tracked: bool) -> None:
     assert len(hazards.at_m) > 10 if is_tracked else not len(hazards.at_m)
     _, ends = Layout(TWIN, None).faces([obstacle(replace(thing, is_tracked=True, age_s=1.0))], free_space([thing]))
     assert ends.any()
+
+
+def test_a_column_that_is_of_no_obstacle_is_less_evidence() -> None:
+    """A cloud of steam ends free space in places that change; what stands has an obstacle at its columns soon."""
+    post, alone = Thing(15.0, 1.0, 0.6), Thing(12.0, -2.0, 0.6)
+    _, evidence = Layout(TWIN, None).faces([obstacle(post)], free_space([post, alone]))
+    ends = free_space([post, alone]).range_m
+    assert set(evidence[np.isclose(ends, 15.0)]) == {OF_THING}
+    assert set(evidence[np.isclose(ends, 12.0)]) == {ALONE}
+    assert not evidence[np.isclose(ends, 40.0)].any()
+
+
+def test_a_kerb_that_is_seen_late_changes_the_way() -> None:
+    """A way round leads over a kerb that comes into view on it: another one leads past it."""
+    free, kerb = (Obeyed([(0.0, Thing(32.0, 1.0, 2.8))], kerb_y=y, kerb_from_s=1.8).run(60) for y in ((), (-2.6,)))
+    assert free.right_m < -2.7
+    assert kerb.right_m > -2.65  # kerbs are remembered to 0.1 m
+    assert kerb.nearest_m > 0
+
+
+def test_who_is_beside_a_car_that_creeps_on_its_way_goes_first() -> None:
+    """Out of view, and for longer than what is in view would be waited for."""
+    walker = Thing(3.4, -1.6, 0.5, (-0.9, 0.0), "moving")
+    decider, told = Decider(TWIN), []
+    for k in range(60):
+        t_ns = START_NS + k * 100_000_000
+        seen = [obstacle(walker.at(k * FRAME_S))] if k < 6 else []
+        told.append(decider.decide(seen, free_space([]), step(t_ns, 0.0) if k else None, t_ns, ROAD))
+        if k == 2:
+            decider._begin(ways_aside(0.0, 0.0, SETTINGS).only(1))
+    waits = [decision.reason.endswith("who is beside goes first") for decision in told]
+    assert waits[30]
+    assert told[30].action == "brake"
+    assert not any(waits[55:])
+
+
+def test_braking_on_a_way_round_goes_on_for_a_moment() -> None:
+    """A wall that is not found for two frames leaves the car no faster."""
+    wall = Thing(30.0, 0.0, 30.0, (-1.0, 0.0), "moving", id=4)
+    drive = Obeyed([(0.0, Thing(30.0, 0.2)), (2.0, wall)], gone_s=(2.25, 2.45)).run(26)
+    assert [told.action for told in drive.told[22:26]] == ["brake", "swerve", "swerve", "brake"]
+    assert all(told.reason.endswith("is free") for told in drive.told[23:25])
+    assert drive.told[24].deceleration_mps2 == drive.told[22].deceleration_mps2 > 3
 
 
 def test_far_aside_no_way_asks_for_twice_the_room() -> None:

@@ -6,8 +6,10 @@ import numba
 import numpy as np
 
 from roadblock.kernels.reference.decide import (
+    AGAINST,
     AHEAD_M,
     AHEAD_S,
+    ALONE,
     AT_SIDE_M,
     BEHIND_M,
     BESIDE_M,
@@ -30,6 +32,7 @@ from roadblock.kernels.reference.decide import (
     MOST_WARY_M,
     MOVES,
     NEIGHBOUR_SHARE,
+    OF_THING,
     SETTLED_DOUBT,
     SETTLED_S,
     SLOW_MPS,
@@ -98,14 +101,14 @@ def outline(
     is_blocked: Flags,
     twin: Floats,
     R: Floats,
-) -> tuple[Floats, Integers, Flags]:
+) -> tuple[Floats, Integers, Integers]:
     """See `reference.decide.outline`."""
     n, columns = len(range_m), len(free_m)
-    ends = np.zeros(columns, np.bool_)
+    evidence, leaves_none = np.zeros(columns, np.int64), np.zeros(columns, np.bool_)
     for c in range(columns - 1):
         apart_m, near_m = abs(free_m[c + 1] - free_m[c]), NEIGHBOUR_SHARE * min(free_m[c], free_m[c + 1])
         if is_blocked[c] and is_blocked[c + 1] and apart_m <= near_m:
-            ends[c] = ends[c + 1] = True
+            evidence[c] = evidence[c + 1] = ALONE
     most = 2
     off_m, nearest = np.full(columns, np.inf), np.full(columns, -1)
     deep_m = np.maximum(BESIDE_SHARE * range_m, DEEP_M) + size_m[:, 1]
@@ -120,9 +123,12 @@ def outline(
             if not (is_blocked[c] and off <= deep_m[k]):
                 continue
             if is_fast or is_new[k]:
-                ends[c] = False
+                leaves_none[c] = True
+            elif evidence[c] > 0:
+                evidence[c] = OF_THING
             if off < off_m[c]:
                 off_m[c], nearest[c] = off, k
+    evidence[leaves_none] = 0
     at_m, owner, m = np.empty((most, 2)), np.empty(most, np.int64), 0
     for k in range(tracked):
         begin, shared = m, 0
@@ -145,7 +151,7 @@ def outline(
                 at_m[begin + i, 0] = feet_m[k, 0]
                 at_m[begin + i, 1] = feet_m[k, 1] + size_m[k, 0] * (i / (count - 1) - 0.5)
         owner[begin:m] = k
-    return at_m[:m], owner[:m], ends
+    return at_m[:m], owner[:m], evidence
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -155,7 +161,7 @@ def recall(
     own: Floats,
     grid: Floats,
     reach_m: Floats,
-    ends: Flags,
+    gained: Integers,
     foot_m: float,
     twin: Floats,
     R: Floats,
@@ -163,13 +169,13 @@ def recall(
     """See `reference.decide.recall`; cells are found again by a hash table with open addresses."""
     old, columns = len(cells), len(reach_m)
     scale = COLUMN_SIGMA_PX / (twin[0] * twin[3])
-    most = old + SPREAD * ends.sum()
+    most = old + SPREAD * (gained > 0).sum()
     mask = 64
     while mask < 2 * most:
         mask *= 2
     mask -= 1
     table = np.full(mask + 1, -1, np.int64)
-    all_cells, counts, fresh = np.empty((most, 2), np.int64), np.empty(most, np.int64), np.zeros(most, np.bool_)
+    all_cells, counts, fresh = np.empty((most, 2), np.int64), np.empty(most, np.int64), np.zeros(most, np.int64)
     for k in range(old):
         all_cells[k], counts[k] = cells[k], evidence[k]
         h = (cells[k, 0] * 73856093 ^ cells[k, 1] * 19349663) & mask
@@ -178,7 +184,7 @@ def recall(
         table[h] = k
     n, cos, sin = old, own[2], own[3]
     for c in range(columns):
-        if not ends[c]:
+        if gained[c] == 0:
             continue
         z0 = reach_m[c]
         sigma_m = z0 * z0 * scale
@@ -199,9 +205,9 @@ def recall(
                 k = table[h] = n
                 all_cells[k, 0], all_cells[k, 1], counts[k] = i, j, 0
                 n += 1
-            if not fresh[k]:
-                fresh[k] = True
-                counts[k] = min(counts[k] + 1, MOST)
+            if gained[c] > fresh[k]:
+                counts[k] = min(counts[k] + gained[c] - fresh[k], MOST)
+                fresh[k] = gained[c]
     kept, sure, m = 0, np.empty((n, 2)), 0
     for k in range(n):
         dx, dy = CELL_M * all_cells[k, 0] - own[0], CELL_M * all_cells[k, 1] - own[1]
@@ -215,7 +221,7 @@ def recall(
             if -1 < column < columns:
                 c = int(np.rint(column))
                 if 0 <= c < columns and z + FREE_M + FREE_SIGMAS * scale * z * z < reach_m[c]:
-                    count -= 1
+                    count -= AGAINST
         if count <= 0:
             continue
         all_cells[kept, 0], all_cells[kept, 1], counts[kept] = all_cells[k, 0], all_cells[k, 1], count

@@ -35,8 +35,10 @@ SETTLED_DOUBT, YOUNG_DOUBT = 0.45, 0.85
 HARDLY_DOUBT, HARDLY_S, HARDLY_MPS, HARDLY_ASIDE_MPS = 0.1, 0.3, 3.0, 1.0
 """From this age on there is little doubt about what is not faster than this, forwards and across, two sigmas up."""
 CELL_M = 0.2
-MOST, SURE = 6, 3
-"""Evidence for a cell, at most `MOST`: one for each frame that saw something there, less one for each that did not."""
+OF_THING, ALONE, AGAINST = 2, 1, 2
+"""Evidence for a cell, of one frame: an obstacle's column that ends there, one of no obstacle, free road behind it."""
+MOST, SURE = 12, 6
+"""The most there is, and how much makes sure: three frames that saw an obstacle there."""
 AHEAD_M, BESIDE_M, BEHIND_M = 30.0, 10.0, 4.0
 """What is further away is forgotten."""
 SPREAD_M, SPREAD = 0.6, 7
@@ -113,8 +115,8 @@ def outline(
     is_blocked: Flags,
     twin: Floats,
     R: Floats,
-) -> tuple[Floats, Integers, Flags]:
-    """Return points (m, 2) along the faces of things, (m,) of which, and (c,) which columns end at what stands.
+) -> tuple[Floats, Integers, Integers]:
+    """Return points (m, 2) along the faces of things, (m,) of which, and (c,) evidence that columns end at what stands.
 
     Its columns tell how a side runs, its range how near it comes; without columns its width does. A column is of the
     thing to whose range it ends nearest; whose columns are all of others is behind them.
@@ -133,6 +135,7 @@ def outline(
         near = np.abs(np.diff(free_m)) <= NEIGHBOUR_SHARE * np.minimum(free_m[1:], free_m[:-1])
     near &= is_blocked[1:] & is_blocked[:-1]
     ends = np.append(near, False) | np.insert(near, 0, False) if len(u) else is_blocked.copy()
+    evidence = np.where(ends, ALONE, 0)
     off_m = np.full((len(range_m) + 1, len(u)), np.inf)  # how far a column ends from a thing's range; no thing at last
     for k in range(len(range_m)):
         near_m, is_fast = max(BESIDE_SHARE * range_m[k], DEEP_M) + size_m[k, 1], np.hypot(*velocity_mps[k]) > SLOW_MPS
@@ -141,8 +144,10 @@ def outline(
             beside = (u >= sides_px[k, 0] - edge_px) & (u < sides_px[k, 1] + edge_px)
             off = np.abs(free_m - range_m[k])
             off_m[k] = np.where(beside & is_blocked & (off <= near_m), off, np.inf)
-        if is_fast or is_new[k]:
-            ends &= ~np.isfinite(off_m[k])
+        evidence[ends & np.isfinite(off_m[k])] = OF_THING
+    for k in range(len(range_m)):
+        if is_new[k] or np.hypot(*velocity_mps[k]) > SLOW_MPS:
+            evidence[np.isfinite(off_m[k])] = 0
     nearest = off_m.argmin(0)
     points, owners = [np.zeros((0, 2))], [np.zeros(0, np.int64)]
     for k in range(tracked):
@@ -156,7 +161,7 @@ def outline(
             at_m = np.stack([np.full(count, feet_m[k, 0]), feet_m[k, 1] + aside], 1)
         points.append(at_m)
         owners.append(np.full(len(at_m), k))
-    return np.concatenate(points), np.concatenate(owners), ends
+    return np.concatenate(points), np.concatenate(owners), evidence
 
 
 def recall(
@@ -165,7 +170,7 @@ def recall(
     own: Floats,
     grid: Floats,
     reach_m: Floats,
-    ends: Flags,
+    gained: Integers,
     foot_m: float,
     twin: Floats,
     R: Floats,
@@ -178,21 +183,25 @@ def recall(
         (n, 2) and (n,) as they were remembered before.
     own
         (4,) where the car is, and cosine and sine of where it heads; the points are seen from there.
-    grid, reach_m, ends
-        How far the road is seen in each column, (c,), and whether it ends there at something.
+    grid, reach_m, gained
+        How far the road is seen in each column, (c,), and the evidence, if any, that it ends there at something.
     foot_m
         What is nearer is below the picture; NaN where nobody knows.
     """
     scale = COLUMN_SIGMA_PX / (twin[0] * twin[3])
     turn = np.array([[own[2], -own[3]], [own[3], own[2]]])
-    u, z = (grid[0] + grid[1] * np.arange(len(reach_m)))[ends], reach_m[ends]
-    u, z = (part[z * z * scale < SPREAD_M] for part in (u, z))
+    ends = gained > 0
+    u, z, more = (grid[0] + grid[1] * np.arange(len(reach_m)))[ends], reach_m[ends], gained[ends]
+    u, z, more = (part[z * z * scale < SPREAD_M] for part in (u, z, more))
     z = z + np.linspace(-1, 1, SPREAD)[:, None] * z * z * scale
     here = place(np.tile(u, SPREAD), z.ravel(), twin, R)
-    new = np.unique(np.rint((here @ turn.T + own[:2]) / CELL_M).astype(np.int64), axis=0)
+    new: dict[tuple[int, int], int] = {}
+    seen = np.rint((here @ turn.T + own[:2]) / CELL_M).astype(int)
+    for (i, j), n in zip(seen.tolist(), np.tile(more, SPREAD).tolist(), strict=True):
+        new[i, j] = max(new.get((i, j), 0), n)
     remembered = {(int(i), int(j)): int(n) for (i, j), n in zip(cells, evidence, strict=True)}
-    for i, j in new.tolist():
-        remembered[i, j] = min(remembered.get((i, j), 0) + 1, MOST)
+    for cell, n in new.items():
+        remembered[cell] = min(remembered.get(cell, 0) + n, MOST)
     kept, sure = {}, []
     for (i, j), count in remembered.items():
         at = (CELL_M * np.array([i, j]) - own[:2]) @ turn
@@ -202,7 +211,7 @@ def recall(
         column = -1 if z_m <= 0 else ((x + twin[3] / 2) / z_m * twin[0] + twin[1] - grid[0]) / grid[1]
         column = int(np.rint(np.clip(column, -1, len(reach_m))))
         if 0 <= column < len(reach_m) and z_m > foot_m:
-            count -= bool(z_m + FREE_M + FREE_SIGMAS * scale * z_m * z_m < reach_m[column])
+            count -= AGAINST * bool(z_m + FREE_M + FREE_SIGMAS * scale * z_m * z_m < reach_m[column])
         if count > 0:
             kept[i, j] = count
             if count >= SURE:

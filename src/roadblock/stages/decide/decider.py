@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.kernels.compiled.decide import among, swept
-from roadblock.kernels.reference.decide import CELL_M
+from roadblock.kernels.reference.decide import CELL_M, OF_THING
 from roadblock.stages.decide.contact import Contact, find_contact
 from roadblock.stages.decide.hazards import Hazards, Layout
 from roadblock.stages.decide.memory import Memory, OwnMotion, turned
@@ -34,7 +34,9 @@ FORGET_S = 1.5
 FOOT_M = 1.0
 """The road must be in view this much before a cell to contradict it."""
 LOST_S, LOST_M = 1.5, 8.0
-"""What moved for sure is taken to go on so long, also out of view if it is so near."""
+"""What moved for sure is taken to go on so long if it is so near, ..."""
+UNSEEN_S = 4.0
+"""... and so long out of view."""
 KERB_M = 0.15
 """Room to a kerb or a verge."""
 BEHIND_M = 3.0
@@ -157,29 +159,32 @@ class Decider:
     def _seen(self, obstacles: Sequence[Obstacle], free: FreeSpace) -> Hazards:
         """Take a frame in, and return everything that stands or moves, in the axes of the vehicle."""
         r, own = self._layout.rectification, self._own
-        faces, ends = self._layout.faces(obstacles, free, set(self._movers.number.tolist()))
+        faces, gained = self._layout.faces(obstacles, free, set(self._movers.number.tolist()))
         foot_m = self._height_m * r.f_px / (r.size_px[1] - r.cy_px) + FOOT_M  # NaN: nothing is in view for sure
-        self._stood.take_in(free, free.range_m, ends, foot_m, own, self._layout)
+        self._stood.take_in(free, free.range_m, gained, foot_m, own, self._layout)
         if free.edges is not None:
             edge_m = free.edges.range_m
             is_edge = np.isfinite(edge_m)
             reach_m = np.where(is_edge, edge_m, free.range_m)
-            self._kerbs.take_in(free, reach_m, is_edge, foot_m, own, self._layout)
+            self._kerbs.take_in(free, reach_m, OF_THING * is_edge, foot_m, own, self._layout)
         sure = {o.track.id for o in obstacles if o.track is not None and o.track.motion == "moving"}
         stood = Hazards.of(self._stood.here_m, sigma_m=CELL_M)
-        return Hazards.joined([stood, faces, self._lost(faces, sure)])
+        return Hazards.joined([stood, faces, self._lost(faces, sure, free)])
 
-    def _lost(self, faces: Hazards, sure: Set[int]) -> Hazards:
-        """Keep what moves for sure; return what did, was near and is out of view, moved on."""
+    def _lost(self, faces: Hazards, sure: Set[int], free: FreeSpace) -> Hazards:
+        """Keep what moves for sure; return what did, was near and is not found now, moved on."""
         own, kept, moving = self._own, self._movers, np.array([*sure], np.int64)
         if len(kept.number):
-            fresh = (self._t_ns - self._seen_ns <= 1e9 * LOST_S) & ~among(kept.number, moving)
+            ago_s = (self._t_ns - self._seen_ns) / 1e9
+            column, _ = self._layout.columns(own.from_here(kept.at_m + kept.velocity_mps * ago_s[:, None]), free)
+            fresh = (ago_s <= np.where(column < 0, UNSEEN_S, LOST_S)) & ~among(kept.number, moving)
             kept, self._seen_ns = kept.where(fresh), self._seen_ns[fresh]
         gone = ~among(kept.number, faces.number)
         lost, ago_s = kept.where(gone), (self._t_ns - self._seen_ns[gone])[:, None] / 1e9
         if sure:
             new = faces.where(among(faces.number, moving))
-            velocity_mps = turned(new.velocity_mps, own.heading_rad)
+            likely_mps = np.stack([new.velocity_mps[:, 0], new.likely_mps], 1)
+            velocity_mps = turned(likely_mps, own.heading_rad)
             new = new._replace(at_m=own.remembered(new.at_m), velocity_mps=velocity_mps)
             kept = Hazards.joined([kept, new])
             self._seen_ns = np.concatenate([self._seen_ns, np.full(len(new.number), self._t_ns)])
@@ -248,7 +253,7 @@ class Decider:
         here = turned(self._own.at_m[None], -self._own.road_rad)[0]
         if self._way is None:
             self._line_m = here[1]
-        self._way, self._begun_m, self._blocked, self._brakes = way, here, 0, False
+        self._way, self._begun_m, self._blocked, self._brakes, self._until_ns = way, here, 0, False, 0
 
     def _way_round(self, hazards: Hazards, free: FreeSpace, until_m: float) -> Ways | None:
         """Return the way nearest to the one it is on that is drivable, free and seen to be road; None without one."""
@@ -273,15 +278,18 @@ class Decider:
 
     def _is_clear(self, ways: Ways, hazards: Hazards, until_m: float, margin_m: float) -> NDArray[np.bool_]:
         s, own, moves = self.settings, self._own, hazards.moves
-        good = clear_of(ways, hazards.at_m[~moves], until_m, margin_m, s)
-        y = turned(self._kerbs.here_m, own.askew_rad)[:, 1]  # kerbs run along the road, seen or not
-        right, left = y[y < 0].max(initial=-np.inf), y[y > 0].min(initial=np.inf)
-        ends = swept(ways.coefficients, ways.length_m, np.arange(0.0, until_m, 1.0), s.numbers)
-        good &= (ends[0].min(1) > right + KERB_M) & (ends[1].max(1) < left - KERB_M)
+        good = clear_of(ways, hazards.at_m[~moves], until_m, margin_m, s) & self._is_inside(ways, until_m, KERB_M)
         may_move = moves | ((hazards.doubt > 0) & (hazards.sigma_mps[:, 0] > 0))  # not what the picture cuts
         if may_move.any() and good.any():
             good &= clear_of_moving(ways, hazards.where(may_move), until_m, own.speed_mps, s)
         return good
+
+    def _is_inside(self, ways: Ways, until_m: float, room_m: float) -> NDArray[np.bool_]:
+        """Return which ways (m,) stay inside the known kerbs, which run along the road, seen or not."""
+        y = turned(self._kerbs.here_m, self._own.askew_rad)[:, 1]
+        right, left = y[y < 0].max(initial=-np.inf), y[y > 0].min(initial=np.inf)
+        ends = swept(ways.coefficients, ways.length_m, np.arange(0.0, until_m, 1.0), self.settings.numbers)
+        return np.asarray((ends[0].min(1) > right + room_m) & (ends[1].max(1) < left - room_m))
 
     def _is_seen(self, ways: Ways, free: FreeSpace, until_m: float) -> NDArray[np.bool_]:
         """Return which ways (m,) lead over road that is seen to be free."""
@@ -302,33 +310,35 @@ class Decider:
             self._way, self._recent = None, []
             return self._choose(hazards, free)
         rest, in_road = self._way.from_point(along, left), self._in_road(hazards)
-        found = find_contact(rest, in_road, max(own.speed_mps, CREEP_MPS), s.margin_m / 2, s, strict=True)
+        to_go_m, speed_mps = float(rest.length_m[0]) + BEHIND_M, max(own.speed_mps, CREEP_MPS)
+        things, found = in_road, find_contact(rest, in_road, speed_mps, s.margin_m / 2, s, strict=True)
         blocked = found is not None and found.is_sure and found.ttc_s < s.swerve_s
         self._blocked = self._blocked + 1 if blocked else 0
-        if found is None or self._blocked < BLOCKED:
+        if self._blocked < BLOCKED:
             # Who comes nearer than was thought is given room again as long as there is any.
-            moving = in_road.where(in_road.moves)
-            nearer = find_contact(rest, moving, max(own.speed_mps, CREEP_MPS), s.margin_m, s, strict=True)
-            other = nearer and self._way_round(in_road, free, moving.at_m[nearer.at, 0] + BEHIND_M)
-            if other:
-                self._begin(other)
-            way, number = other or rest, self._last.obstacle_id
-            if nearer and not other:
-                told, number = _told(nearer, moving)
-                hard = min(s.brake_mps2, max(nearer.needed_mps2, SLOWER_MPS2))
-                return self._steered(way, hard, f"on the way round: {told}; braking on it", nearer, number, "brake")
-            told = f"on the way round; {_side(way)} is free"
-            return self._steered(way, float(way.deceleration_mps2[0]), told, None, number)
-        told, number = _told(found, in_road)
-        other = self._way_round(in_road, free, in_road.at_m[found.at, 0] + BEHIND_M)
+            things = in_road.where(in_road.moves)
+            beside = things.where(things.at_m[:, 0] < s.front_m)
+            if own.speed_mps < CREEP_MPS and not clear_of_moving(rest, beside, s.rear_m, own.speed_mps, s)[0]:
+                told = "on the way round: who is beside goes first"
+                return self._steered(rest, s.brake_mps2, told, None, int(beside.number[0]) or None, "brake")
+            found = find_contact(rest, things, speed_mps, s.margin_m, s, strict=True)
+            if found is None and self._is_inside(rest, to_go_m, 0.0)[0]:
+                held_mps2 = self._last.deceleration_mps2 if self._t_ns < self._until_ns else 0.0
+                slower_mps2 = max(float(rest.deceleration_mps2[0]), held_mps2)
+                told = f"on the way round; {_side(rest)} is free"
+                return self._steered(rest, slower_mps2, told, None, self._last.obstacle_id)
+        told, number = _told(found, things) if found else ("a kerb comes close", self._last.obstacle_id)
+        told = f"on the way round: {told}"
+        other = self._way_round(in_road, free, things.at_m[found.at, 0] + BEHIND_M if found else to_go_m)
         if other is not None:
             self._begin(other)
-            slower = float(other.deceleration_mps2[0])
-            return self._steered(other, slower, f"on the way round: {told}; {_side(other)} is free", found, number)
-        if found.needed_mps2 < s.brake_share * s.brake_mps2:
-            return self._steered(rest, SLOWER_MPS2, f"on the way round: {told}; slowing down", found, number)
-        hard = min(s.brake_mps2, found.needed_mps2)
-        return self._steered(rest, hard, f"on the way round: {told}; braking on it", found, number, "brake")
+            slower_mps2 = float(other.deceleration_mps2[0])
+            return self._steered(other, slower_mps2, f"{told}; {_side(other)} is free", found, number)
+        hard = min(s.brake_mps2, max(found.needed_mps2 if found else 0.0, SLOWER_MPS2))
+        if found and (things.moves[found.at] or hard >= s.brake_share * s.brake_mps2):
+            self._until_ns = self._t_ns + round(1e9 * s.hold_s)
+            return self._steered(rest, hard, f"{told}; braking on it", found, number, "brake")
+        return self._steered(rest, SLOWER_MPS2, f"{told}; slowing down", found, number)
 
     def _steered(
         self,

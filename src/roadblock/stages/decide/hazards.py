@@ -102,8 +102,8 @@ class Layout:
 
     def faces(
         self, obstacles: Sequence[Obstacle], free: FreeSpace, movers: Collection[int] = ()
-    ) -> tuple[Hazards, NDArray[np.bool_]]:
-        """Return the faces of all obstacles that have a track, and (c,) which columns end at what does not move.
+    ) -> tuple[Hazards, NDArray[np.int64]]:
+        """Return the faces of all obstacles that have a track, and (c,) evidence that columns end at what stands.
 
         `movers` are known to move from before. What ends a column alone does not count, nor what may turn out to move.
         """
@@ -134,7 +134,7 @@ class Layout:
         speeds, sigmas, doubt, likely = weigh(
             velocity, cov.reshape(-1, 2, 2), motion.astype(np.int64), age_s, has_velocity > 0, is_mover > 0
         )
-        at_m, owner, ends = outline(
+        at_m, owner, evidence = outline(
             told[:, 7:],
             range_m,
             np.where(size_m > 0, size_m, 0.0)[:, ::2],  # unknown lengths are NaN
@@ -150,7 +150,7 @@ class Layout:
         )
         numbers = number.astype(np.int64)
         sigma_m, sigmas, doubt, likely = sigma_m[owner], sigmas[owner], doubt[owner], likely[owner]
-        return Hazards(at_m, speeds[owner], sigma_m, sigmas, numbers[owner], doubt, likely), ends
+        return Hazards(at_m, speeds[owner], sigma_m, sigmas, numbers[owner], doubt, likely), evidence
 
     def is_seen_free(self, at_m: FloatArray, free: FreeSpace) -> NDArray[np.bool_]:
         """Return for points (n, 2) whether road was seen there, before anything that ends it."""

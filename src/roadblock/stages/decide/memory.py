@@ -79,7 +79,7 @@ class Memory:
         self,
         free: FreeSpace,
         reach_m: FloatArray,
-        ends: NDArray[np.bool_],
+        gained: NDArray[np.int64],
         foot_m: float,
         own: OwnMotion,
         layout: Layout,
@@ -90,8 +90,8 @@ class Memory:
         ----------
         free
             The columns.
-        reach_m, ends
-            (c,) how far each is seen, and whether it ends there.
+        reach_m, gained
+            (c,) how far each is seen, and the evidence, if any, that it ends there.
         foot_m
             What is nearer is out of view.
         own
@@ -106,7 +106,7 @@ class Memory:
             at,
             free.grid,
             reach_m,
-            ends,
+            gained,
             foot_m,
             layout.rectification.numbers,
             layout.R_road,
