@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from roadblock.geometry.pose import R_VEHICLE_CAR, inverse, pose, rotation_from_rotvec
-from roadblock.kernels.reference.decide import ALONE, OF_THING
+from roadblock.kernels.reference.decide import ALONE, STANDS_THERE
 from roadblock.stages.decide import Decider, DecideSettings
 from roadblock.stages.decide.contact import find_contact
 from roadblock.stages.decide.hazards import Hazards, Layout
@@ -442,7 +442,7 @@ def test_no_more_braking_is_wanted_than_leaves_room() -> None:
     assert found.needed_mps2 == pytest.approx(64 / (2 * (6.0 - 1.3 - 2.4 - 0.7)))
 
 
-@pytest.mark.parametrize(("evidence", "frames"), [(OF_THING, 3), (ALONE, 6)])
+@pytest.mark.parametrize(("evidence", "frames"), [(STANDS_THERE, 3), (ALONE, 6)])
 def test_memory_needs_evidence_and_gives_in_to_it(evidence: int, frames: int) -> None:
     memory, own, layout = Memory(), OwnMotion(), Layout(TWIN, None)
     here = free_space([Thing(5.03, -1.2, 0.12)])
@@ -594,14 +594,22 @@ def test_what_is_new_leaves_no_traces(is_tracked: bool) -> None:
     assert ends.any()
 
 
-def test_a_column_that_is_of_no_obstacle_is_less_evidence() -> None:
-    """A cloud of steam ends free space in places that change; what stands has an obstacle at its columns soon."""
-    post, alone = Thing(15.0, 1.0, 0.6), Thing(12.0, -2.0, 0.6)
-    _, evidence = Layout(TWIN, None).faces([obstacle(post)], free_space([post, alone]))
-    ends = free_space([post, alone]).range_m
-    assert set(evidence[np.isclose(ends, 15.0)]) == {OF_THING}
-    assert set(evidence[np.isclose(ends, 12.0)]) == {ALONE}
-    assert not evidence[np.isclose(ends, 40.0)].any()
+def test_near_columns_of_no_obstacle_are_less_evidence() -> None:
+    """A cloud of steam ends free space in places that change; what stands was seen from further away."""
+    post, wall, near, far = Thing(15.0, 2.0, 0.6), Thing(7.0, 4.0, 2.0), Thing(8.0, -2.0, 0.6), Thing(12.0, -2.0, 6.0)
+    behind = Thing(9.0, 4.6, 3.0)  # the wall goes on
+    seen = free_space([post, wall, near, far, behind])
+    _, evidence = Layout(TWIN, None).faces([obstacle(post), replace(obstacle(wall), box_px=(0, 100, 340, 250))], seen)
+    ends = {8.0: ALONE, 15.0: STANDS_THERE, 12.0: STANDS_THERE, 7.0: STANDS_THERE, 9.0: STANDS_THERE, 40.0: 0}
+    assert {z: set(evidence[np.isclose(seen.range_m, z)]) for z in ends} == {z: {n} for z, n in ends.items()}
+
+
+def test_what_ends_free_space_before_a_house_is_not_the_house() -> None:
+    """A cloud in the box of a house that is 30 m long and further away has no face at the house."""
+    house, cloud = Thing(17.0, -6.0, 12.0), Thing(9.0, -0.4, 0.6)
+    long = replace(obstacle(house), size_m=np.array([12.0, 4.0, 30.0]))
+    hazards, _ = Layout(TWIN, None).faces([long], free_space([replace(house, y=-8.0, width=8.0), cloud]))
+    assert hazards.at_m[:, 1].max() < -3.9
 
 
 def test_a_kerb_that_is_seen_late_changes_the_way() -> None:

@@ -10,6 +10,7 @@ from roadblock.kernels.reference.decide import (
     AHEAD_M,
     AHEAD_S,
     ALONE,
+    ALONE_M,
     AT_SIDE_M,
     BEHIND_M,
     BESIDE_M,
@@ -32,13 +33,13 @@ from roadblock.kernels.reference.decide import (
     MOST_WARY_M,
     MOVES,
     NEIGHBOUR_SHARE,
-    OF_THING,
     SETTLED_DOUBT,
     SETTLED_S,
     SLOW_MPS,
     SPREAD,
     SPREAD_M,
     STANDS,
+    STANDS_THERE,
     SURE,
     WARY_M,
     YOUNG_DOUBT,
@@ -106,12 +107,14 @@ def outline(
     n, columns = len(range_m), len(free_m)
     evidence, leaves_none = np.zeros(columns, np.int64), np.zeros(columns, np.bool_)
     for c in range(columns - 1):
-        apart_m, near_m = abs(free_m[c + 1] - free_m[c]), NEIGHBOUR_SHARE * min(free_m[c], free_m[c + 1])
-        if is_blocked[c] and is_blocked[c + 1] and apart_m <= near_m:
-            evidence[c] = evidence[c + 1] = ALONE
+        apart_m, most_m = abs(free_m[c + 1] - free_m[c]), NEIGHBOUR_SHARE * min(free_m[c], free_m[c + 1])
+        if is_blocked[c] and is_blocked[c + 1] and apart_m <= most_m:
+            for one in (c, c + 1):
+                evidence[one] = ALONE if free_m[one] < ALONE_M else STANDS_THERE
     most = 2
     off_m, nearest = np.full(columns, np.inf), np.full(columns, -1)
-    deep_m = np.maximum(BESIDE_SHARE * range_m, DEEP_M) + size_m[:, 1]
+    near_m = np.maximum(BESIDE_SHARE * range_m, DEEP_M)
+    first_m, last_m = range_m - near_m, range_m + near_m + size_m[:, 1]
     for k in range(n):
         most += columns + 2 + math.ceil(size_m[k, 0] / FACE_STEP_M)
         is_fast = math.hypot(velocity_mps[k, 0], velocity_mps[k, 1]) > SLOW_MPS
@@ -119,13 +122,16 @@ def outline(
         first = max(0, math.ceil((sides_px[k, 0] - edge_px - grid[0]) / grid[1]))
         last = min(columns, math.ceil((sides_px[k, 1] + edge_px - grid[0]) / grid[1]))
         for c in range(first, last):
-            off = abs(free_m[c] - range_m[k])
-            if not (is_blocked[c] and off <= deep_m[k]):
+            if not (is_blocked[c] and free_m[c] >= first_m[k]):
                 continue
-            if is_fast or is_new[k]:
+            leaves = not (is_fast or is_new[k])
+            if leaves and evidence[c] > 0:
+                evidence[c] = STANDS_THERE
+            if free_m[c] > last_m[k]:
+                continue
+            if not leaves:
                 leaves_none[c] = True
-            elif evidence[c] > 0:
-                evidence[c] = OF_THING
+            off = abs(free_m[c] - range_m[k])
             if off < off_m[c]:
                 off_m[c], nearest[c] = off, k
     evidence[leaves_none] = 0
@@ -135,7 +141,7 @@ def outline(
         first = max(0, math.ceil((sides_px[k, 0] - grid[0]) / grid[1]))
         last = min(columns, math.ceil((sides_px[k, 1] - grid[0]) / grid[1]))
         for c in range(first, last):
-            if not (is_blocked[c] and abs(free_m[c] - range_m[k]) <= deep_m[k]):
+            if not (is_blocked[c] and first_m[k] <= free_m[c] <= last_m[k]):
                 continue
             shared += 1
             if nearest[c] != k:

@@ -15,7 +15,7 @@ Integers = NDArray[np.int64]
 FACE_STEP_M = 0.3
 """Between the points of a face."""
 BESIDE_SHARE, DEEP_M = 0.15, 0.6
-"""A column of free space that ends so near to an obstacle's range, whichever is more, ends there because of it."""
+"""A column of free space that ends so near to an obstacle, whichever is more, ends there because of it."""
 EDGE_PX, EDGE_M = 8.0, 0.3
 """So far beside the box of what moves its columns may end, whichever is more: no trace of it stands there."""
 NEIGHBOUR_SHARE = 0.1
@@ -35,10 +35,12 @@ SETTLED_DOUBT, YOUNG_DOUBT = 0.45, 0.85
 HARDLY_DOUBT, HARDLY_S, HARDLY_MPS, HARDLY_ASIDE_MPS = 0.1, 0.3, 3.0, 1.0
 """From this age on there is little doubt about what is not faster than this, forwards and across, two sigmas up."""
 CELL_M = 0.2
-OF_THING, ALONE, AGAINST = 2, 1, 2
-"""Evidence for a cell, of one frame: an obstacle's column that ends there, one of no obstacle, free road behind it."""
+STANDS_THERE, ALONE, AGAINST = 2, 1, 2
+"""Evidence for a cell, of one frame: a column that ends there, one that does so alone, free road behind it."""
+ALONE_M = 10.0
+"""Nearer, a column that ends before all obstacles does so alone: what stands was seen from further away, steam not."""
 MOST, SURE = 12, 6
-"""The most there is, and how much makes sure: three frames that saw an obstacle there."""
+"""The most there is, and how much makes sure: three frames."""
 AHEAD_M, BESIDE_M, BEHIND_M = 30.0, 10.0, 4.0
 """What is further away is forgotten."""
 SPREAD_M, SPREAD = 0.6, 7
@@ -119,7 +121,7 @@ def outline(
     """Return points (m, 2) along the faces of things, (m,) of which, and (c,) evidence that columns end at what stands.
 
     Its columns tell how a side runs, its range how near it comes; without columns its width does. A column is of the
-    thing to whose range it ends nearest; whose columns are all of others is behind them.
+    thing to whose range it ends nearest, and not before that; whose columns are all of others is behind them.
 
     Parameters
     ----------
@@ -135,19 +137,23 @@ def outline(
         near = np.abs(np.diff(free_m)) <= NEIGHBOUR_SHARE * np.minimum(free_m[1:], free_m[:-1])
     near &= is_blocked[1:] & is_blocked[:-1]
     ends = np.append(near, False) | np.insert(near, 0, False) if len(u) else is_blocked.copy()
-    evidence = np.where(ends, ALONE, 0)
+    evidence, leaves_none = (
+        np.where(ends, np.where(free_m < ALONE_M, ALONE, STANDS_THERE), 0),
+        np.zeros(len(u), np.bool_),
+    )
     off_m = np.full((len(range_m) + 1, len(u)), np.inf)  # how far a column ends from a thing's range; no thing at last
     for k in range(len(range_m)):
-        near_m, is_fast = max(BESIDE_SHARE * range_m[k], DEEP_M) + size_m[k, 1], np.hypot(*velocity_mps[k]) > SLOW_MPS
+        near_m, is_fast = max(BESIDE_SHARE * range_m[k], DEEP_M), np.hypot(*velocity_mps[k]) > SLOW_MPS
         edge_px = max(EDGE_PX, EDGE_M * twin[0] / range_m[k]) if is_fast else 0.0
+        leaves = not (is_fast or is_new[k])
         with np.errstate(invalid="ignore"):
             beside = (u >= sides_px[k, 0] - edge_px) & (u < sides_px[k, 1] + edge_px)
-            off = np.abs(free_m - range_m[k])
-            off_m[k] = np.where(beside & is_blocked & (off <= near_m), off, np.inf)
-        evidence[ends & np.isfinite(off_m[k])] = OF_THING
-    for k in range(len(range_m)):
-        if is_new[k] or np.hypot(*velocity_mps[k]) > SLOW_MPS:
-            evidence[np.isfinite(off_m[k])] = 0
+            runs_on = beside & is_blocked & (free_m >= range_m[k] - near_m)
+            mine = runs_on & (free_m <= range_m[k] + near_m + size_m[k, 1])
+            off_m[k] = np.where(mine, np.abs(free_m - range_m[k]), np.inf)
+        evidence[ends & runs_on & leaves] = STANDS_THERE
+        leaves_none |= np.isfinite(off_m[k]) & (not leaves)
+    evidence[leaves_none] = 0
     nearest = off_m.argmin(0)
     points, owners = [np.zeros((0, 2))], [np.zeros(0, np.int64)]
     for k in range(tracked):

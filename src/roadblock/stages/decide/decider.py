@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.kernels.compiled.decide import among, swept
-from roadblock.kernels.reference.decide import CELL_M, OF_THING
+from roadblock.kernels.reference.decide import CELL_M, STANDS_THERE
 from roadblock.stages.decide.contact import Contact, find_contact
 from roadblock.stages.decide.hazards import Hazards, Layout
 from roadblock.stages.decide.memory import Memory, OwnMotion, turned
@@ -43,6 +43,9 @@ BEHIND_M = 3.0
 """Road must be seen free so far behind what is passed."""
 ROOMY_M = 3.0
 """Further aside, about a lane's width, no way leads for twice the room: nobody may see where the road ends."""
+BEYOND_M = 12.0
+PREFERRED = (BEYOND_M, 2.0, ROOMY_M), (BEYOND_M, 1.0, np.inf), (0.0, 2.0, ROOMY_M), (0.0, 1.0, np.inf)
+"""Ways, best first: so far behind what is passed they are clear, with so much of `margin_m`, and lead so far aside."""
 SEEN_FROM_M = 4.0
 """Nearer, at the sides, no camera sees it."""
 CROSSING_MPS = 0.6
@@ -166,7 +169,7 @@ class Decider:
             edge_m = free.edges.range_m
             is_edge = np.isfinite(edge_m)
             reach_m = np.where(is_edge, edge_m, free.range_m)
-            self._kerbs.take_in(free, reach_m, OF_THING * is_edge, foot_m, own, self._layout)
+            self._kerbs.take_in(free, reach_m, STANDS_THERE * is_edge, foot_m, own, self._layout)
         sure = {o.track.id for o in obstacles if o.track is not None and o.track.motion == "moving"}
         stood = Hazards.of(self._stood.here_m, sigma_m=CELL_M)
         return Hazards.joined([stood, faces, self._lost(faces, sure, free)])
@@ -267,8 +270,8 @@ class Decider:
         ways = ways.where(self._is_seen(ways, free, until_m))
         if not len(ways.length_m):
             return None
-        for share, most_m in ((2.0, ROOMY_M), (1.0, np.inf)):
-            roomy = self._is_clear(ways, hazards, until_m, share * s.margin_m)
+        for beyond_m, share, most_m in PREFERRED:
+            roomy = self._is_clear(ways, hazards, until_m + beyond_m, share * s.margin_m)
             roomy &= np.abs(aside_m + ways.offset_m) <= most_m
             if roomy.any():
                 ways = ways.where(roomy)
