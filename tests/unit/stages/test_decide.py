@@ -597,7 +597,7 @@ def test_what_is_new_leaves_no_traces(is_tracked: bool) -> None:
 def test_near_columns_of_no_obstacle_are_less_evidence() -> None:
     """A cloud of steam ends free space in places that change; what stands was seen from further away."""
     post, wall, near, far = Thing(15.0, 2.0, 0.6), Thing(7.0, 4.0, 2.0), Thing(8.0, -2.0, 0.6), Thing(12.0, -2.0, 6.0)
-    behind = Thing(9.0, 4.6, 3.0)  # the wall goes on
+    behind = Thing(9.0, 5.6, 3.0)  # the wall goes on
     seen = free_space([post, wall, near, far, behind])
     _, evidence = Layout(TWIN, None).faces([obstacle(post), replace(obstacle(wall), box_px=(0, 100, 340, 250))], seen)
     ends = {8.0: ALONE, 15.0: STANDS_THERE, 12.0: STANDS_THERE, 7.0: STANDS_THERE, 9.0: STANDS_THERE, 40.0: 0}

@@ -58,8 +58,8 @@ BLOCKED = 2
 """So many frames in a row must find a way blocked."""
 SLOWER_MPS2 = 2.5
 """How a car slows down that finds its way round blocked further on."""
-SAME_S = 0.7
-"""Contacts of frames that follow each other that are further apart are not one."""
+SAME_S, SAME_SHARE = 0.7, 0.3
+"""Contacts of frames that follow each other that are further apart, whichever is more, are not one."""
 SAME_M = 1.0
 """What is remembered so near to a track belongs to it."""
 STRAIGHT_RADPS = 0.12
@@ -218,7 +218,8 @@ class Decider:
         """Return what to do about what is in the way."""
         s, t_ns = self.settings, self._t_ns
         told, number = _told(found, hazards)
-        confirmed = found.is_sure and sum(abs(t - found.ttc_s) < SAME_S for t in self._recent) >= s.confirm
+        same = (abs(t - found.ttc_s) < max(SAME_S, SAME_SHARE * max(t, found.ttc_s)) for t in self._recent)
+        confirmed = found.is_sure and sum(same) >= s.confirm
         urgent = found.needed_mps2 >= s.brake_share * s.brake_mps2
         if confirmed and (found.ttc_s < s.swerve_s or self._brakes) and self._can_pass(hazards, found.at):
             way = self._way_round(self._in_road(hazards), free, hazards.at_m[found.at, 0] + BEHIND_M)
