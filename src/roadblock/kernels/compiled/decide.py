@@ -60,13 +60,13 @@ def weigh(
     for k in range(n):
         counts = has_velocity[k] and motion[k] != STANDS and (is_mover[k] or age_s[k] >= SETTLED_S)
         known = motion[k] == STANDS or (counts and (is_mover[k] or motion[k] == MOVES))
-        ahead = velocity_mps[k, 0] + 2 * math.sqrt(cov_m2ps2[k, 0, 0])
-        aside = abs(velocity_mps[k, 1]) + 2 * math.sqrt(cov_m2ps2[k, 1, 1])
+        for i in range(2):
+            sigma[k, i] = math.sqrt(cov_m2ps2[k, i, i])
+        ahead, aside = velocity_mps[k, 0] + 2 * sigma[k, 0], abs(velocity_mps[k, 1]) + 2 * sigma[k, 1]
         hardly = has_velocity[k] and age_s[k] >= HARDLY_S and ahead < HARDLY_MPS and aside < HARDLY_ASIDE_MPS
         if not known:
             doubt[k] = HARDLY_DOUBT if hardly else SETTLED_DOUBT if age_s[k] >= YOUNG_S else YOUNG_DOUBT
         for i in range(2):
-            sigma[k, i] = math.sqrt(cov_m2ps2[k, i, i])
             if counts and abs(velocity_mps[k, i]) > 2 * sigma[k, i]:
                 speed[k, i] = velocity_mps[k, i]
             if not has_velocity[k]:
