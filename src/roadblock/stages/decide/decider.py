@@ -33,6 +33,8 @@ FORGET_S = 1.5
 """After a longer gap without frames all starts anew."""
 FOOT_M = 1.0
 """The road must be in view this much before a cell to contradict it."""
+BESIDE_M = 3.0
+"""Who moves so near to the car's front may be beside it soon."""
 LOST_S, LOST_M = 1.5, 8.0
 """What moved for sure is taken to go on so long if it is so near, ..."""
 UNSEEN_S = 4.0
@@ -266,7 +268,8 @@ class Decider:
         aside_m = here[1] - self._line_m if self._way is not None else 0.0
         ways = ways_aside(math.tan(own.askew_rad), aside_m, s)
         ways = ways.where(drivable(ways, own.speed_mps, s))
-        least = 1.0 if self._way is None else 0.5  # of the room: who is on a way round must get through
+        # Half of the room: who is on a way round must get through; not who brakes on it already.
+        least = 0.5 if self._way is not None and self._t_ns >= self._until_ns else 1.0
         ways = ways.where(self._is_clear(ways, hazards, until_m, least * s.margin_m))
         ways = ways.where(self._is_seen(ways, free, until_m))
         if not len(ways.length_m):
@@ -321,15 +324,16 @@ class Decider:
         if self._blocked < BLOCKED:
             # Who comes nearer than was thought is given room again as long as there is any.
             things = in_road.where(in_road.moves)
-            beside = things.where(things.at_m[:, 0] < s.front_m)
+            beside = things.where(things.at_m[:, 0] < s.front_m + BESIDE_M)
             if own.speed_mps < CREEP_MPS and not clear_of_moving(rest, beside, s.rear_m, own.speed_mps, s)[0]:
                 told = "on the way round: who is beside goes first"
                 return self._steered(rest, s.brake_mps2, told, None, int(beside.number[0]) or None, "brake")
             found = find_contact(rest, things, speed_mps, s.margin_m, s, strict=True)
             if found is None and self._is_inside(rest, to_go_m, 0.0)[0]:
-                held_mps2 = self._last.deceleration_mps2 if self._t_ns < self._until_ns else 0.0
-                slower_mps2 = max(float(rest.deceleration_mps2[0]), held_mps2)
-                told = f"on the way round; {_side(rest)} is free"
+                told, slower_mps2 = f"on the way round; {_side(rest)} is free", float(rest.deceleration_mps2[0])
+                if self._t_ns < self._until_ns:
+                    hard = self._last.deceleration_mps2
+                    return self._steered(rest, hard, f"{told}, but only just", None, self._last.obstacle_id, "brake")
                 return self._steered(rest, slower_mps2, told, None, self._last.obstacle_id)
         told, number = _told(found, things) if found else ("a kerb comes close", self._last.obstacle_id)
         told = f"on the way round: {told}"

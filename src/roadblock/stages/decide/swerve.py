@@ -141,7 +141,7 @@ def clear_of_moving(
 ) -> NDArray[np.bool_]:
     """Return which ways (m,) keep out of the way of everything that moves or may, if it goes on about as it does."""
     s = np.arange(0.0, until_m + 1.0)
-    y, _, _ = ways.at(np.broadcast_to(s, (len(ways.length_m), len(s))))
+    y, dy, _ = ways.at(np.broadcast_to(s, (len(ways.length_m), len(s))))
     v = speeds(ways, s[None, :], max(speed_mps, SLOWEST_MPS))
     t = np.concatenate([np.zeros((len(v), 1)), np.cumsum(2 * np.diff(s) / (v[:, 1:] + v[:, :-1]), axis=1)], 1)
     x_thing, y_thing = (moving.at_m[:, i, None, None] + moving.velocity_mps[:, i, None, None] * t for i in (0, 1))
@@ -149,7 +149,10 @@ def clear_of_moving(
     room = settings.width_m / 2 + settings.margin_m + SHY * unsure_mps[:, 1, None, None] * t
     thick_m = THICK_M + SHY_AHEAD * unsure_mps[:, 0, None, None] * t
     along = (x_thing - thick_m < s + settings.front_m) & (x_thing + thick_m > s - settings.rear_m)
-    return np.asarray(~((np.abs(y_thing - y) < room) & along).any(axis=(0, 2)))
+    # The car is askew: of what is beside its middle it may be further away or nearer than of what is beside its ends.
+    ends = [y + dy * np.clip(x_thing + part - s, -settings.rear_m, settings.front_m) for part in (-thick_m, thick_m)]
+    hit = (y_thing > np.minimum(*ends) - room) & (y_thing < np.maximum(*ends) + room)
+    return np.asarray(~(hit & along).any(axis=(0, 2)))
 
 
 def steering(rest: Ways, slope: float, speed_mps: float, pending_per_m: float, settings: DecideSettings) -> float:
