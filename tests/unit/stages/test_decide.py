@@ -362,7 +362,9 @@ def test_a_way_that_gets_blocked_is_changed() -> None:
 
 
 def test_a_way_that_ends_is_braked_on() -> None:
-    drive = Obeyed([(0.0, Thing(30.0, 0.2)), (2.0, Thing(38.0, 0.0, 30.0, id=4))]).run(60)
+    decider = Decider(TWIN)
+    drive = Obeyed([(0.0, Thing(30.0, 0.2)), (2.0, Thing(38.0, 0.0, 30.0, id=4))]).run(60, decider)
+    assert decider._yields_ns == 0  # what stands may be passed more closely
     assert "brake" in drive.actions[drive.actions.index("swerve") :]
     assert any("braking on it" in told.reason for told in drive.told)
     assert drive.speed < 1.5
@@ -523,6 +525,8 @@ def test_who_is_on_a_way_round_gets_through_with_half_the_room() -> None:
     assert decider._way_round(walls, free, 16.0) is None
     decider._way = straight_on()
     assert decider._way_round(walls, free, 16.0) is not None
+    decider._yields_ns = START_NS + 200_000_000  # it braked for who moves, a moment ago
+    assert decider._way_round(walls, free, 16.0) is None
 
 
 def test_what_the_picture_cuts_has_no_velocity_to_be_shy_of() -> None:
@@ -648,7 +652,9 @@ def test_who_is_beside_a_car_that_creeps_on_its_way_goes_first() -> None:
 def test_braking_on_a_way_round_goes_on_for_a_moment() -> None:
     """A wall that is not found for two frames leaves the car no faster."""
     wall = Thing(30.0, 0.0, 30.0, (-1.0, 0.0), "moving", id=4)
-    drive = Obeyed([(0.0, Thing(30.0, 0.2)), (2.0, wall)], gone_s=(2.25, 2.45)).run(26)
+    decider = Decider(TWIN)
+    drive = Obeyed([(0.0, Thing(30.0, 0.2)), (2.0, wall)], gone_s=(2.25, 2.45)).run(26, decider)
+    assert decider._yields_ns > 0  # to who moves
     assert [told.action for told in drive.told[22:26]] == ["brake"] * 4
     assert [told.reason.endswith("but only just") for told in drive.told[22:26]] == [False, True, True, False]
     assert drive.told[24].deceleration_mps2 == drive.told[22].deceleration_mps2 > 3

@@ -97,7 +97,7 @@ class Decider:
         self._movers, self._seen_ns = Hazards.of(np.zeros((0, 2))), np.zeros(0, np.int64)  # remembered, and when seen
         self._last = Decision("none", "nothing was seen yet")
         self._recent: list[float] = []  # after how long there would be a contact, NaN = none for sure
-        self._brakes, self._until_ns = False, 0
+        self._brakes, self._until_ns, self._yields_ns = False, 0, 0
         self._way: Ways | None = None
         self._begun_m, self._line_m = np.zeros(2), 0.0  # where the way begins, and the driver's line, left of 0
         self._blocked = 0
@@ -268,8 +268,8 @@ class Decider:
         aside_m = here[1] - self._line_m if self._way is not None else 0.0
         ways = ways_aside(math.tan(own.askew_rad), aside_m, s)
         ways = ways.where(drivable(ways, own.speed_mps, s))
-        # Half of the room: who is on a way round must get through; not who brakes on it already.
-        least = 0.5 if self._way is not None and self._t_ns >= self._until_ns else 1.0
+        # Half of the room: who is on a way round must get through; but past nobody who moves and was braked for.
+        least = 0.5 if self._way is not None and self._t_ns >= self._yields_ns else 1.0
         ways = ways.where(self._is_clear(ways, hazards, until_m, least * s.margin_m))
         ways = ways.where(self._is_seen(ways, free, until_m))
         if not len(ways.length_m):
@@ -345,6 +345,7 @@ class Decider:
         hard = min(s.brake_mps2, max(found.needed_mps2 if found else 0.0, SLOWER_MPS2))
         if found and (things.moves[found.at] or hard >= s.brake_share * s.brake_mps2):
             self._until_ns = self._t_ns + round(1e9 * s.hold_s)
+            self._yields_ns = self._until_ns if things.moves[found.at] else self._yields_ns
             return self._steered(rest, hard, f"{told}; braking on it", found, number, "brake")
         return self._steered(rest, SLOWER_MPS2, f"{told}; slowing down", found, number)
 
