@@ -420,7 +420,7 @@ def test_ways_keep_clear_of_what_moves() -> None:
 
 
 def test_a_car_askew_sweeps_more_than_its_width() -> None:
-    """It heads 17 degrees to the left: who is beside its rear, 1.9 m to the right, is touched, in front of it not."""
+    """It heads 17 degrees to the left: who is 1.7 m to the right of it is touched by its rear, not by its front."""
     way = ways_aside(0.3, 0.0, SETTINGS)
     way = way.where((way.offset_m == 4.0) & (way.length_m == 24.0) & (way.deceleration_mps2 == 0))
     for x_m, is_clear in ((-2.0, False), (1.0, True)):

@@ -118,13 +118,13 @@ def outline(
     for k in range(n):
         most += columns + 2 + math.ceil(size_m[k, 0] / FACE_STEP_M)
         is_fast = math.hypot(velocity_mps[k, 0], velocity_mps[k, 1]) > SLOW_MPS
+        leaves = not (is_fast or is_new[k])
         edge_px = max(EDGE_PX, EDGE_M * twin[0] / range_m[k]) if is_fast else 0.0
         first = max(0, math.ceil((sides_px[k, 0] - edge_px - grid[0]) / grid[1]))
         last = min(columns, math.ceil((sides_px[k, 1] + edge_px - grid[0]) / grid[1]))
         for c in range(first, last):
             if not (is_blocked[c] and free_m[c] >= first_m[k]):
                 continue
-            leaves = not (is_fast or is_new[k])
             if leaves and evidence[c] > 0:
                 evidence[c] = STANDS_THERE
             if free_m[c] > last_m[k]:

@@ -137,10 +137,8 @@ def outline(
         near = np.abs(np.diff(free_m)) <= NEIGHBOUR_SHARE * np.minimum(free_m[1:], free_m[:-1])
     near &= is_blocked[1:] & is_blocked[:-1]
     ends = np.append(near, False) | np.insert(near, 0, False) if len(u) else is_blocked.copy()
-    evidence, leaves_none = (
-        np.where(ends, np.where(free_m < ALONE_M, ALONE, STANDS_THERE), 0),
-        np.zeros(len(u), np.bool_),
-    )
+    evidence = np.where(ends, np.where(free_m < ALONE_M, ALONE, STANDS_THERE), 0)
+    leaves_none = np.zeros(len(u), np.bool_)
     off_m = np.full((len(range_m) + 1, len(u)), np.inf)  # how far a column ends from a thing's range; no thing at last
     for k in range(len(range_m)):
         near_m, is_fast = max(BESIDE_SHARE * range_m[k], DEEP_M), np.hypot(*velocity_mps[k]) > SLOW_MPS

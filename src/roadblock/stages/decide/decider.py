@@ -179,13 +179,14 @@ class Decider:
     def _lost(self, faces: Hazards, sure: Set[int], free: FreeSpace) -> Hazards:
         """Keep what moves for sure; return what did, was near and is not found now, moved on."""
         own, kept, moving = self._own, self._movers, np.array([*sure], np.int64)
+        ago_s = (self._t_ns - self._seen_ns) / 1e9
+        here_m = own.from_here(kept.at_m + kept.velocity_mps * ago_s[:, None])
         if len(kept.number):
-            ago_s = (self._t_ns - self._seen_ns) / 1e9
-            column, _ = self._layout.columns(own.from_here(kept.at_m + kept.velocity_mps * ago_s[:, None]), free)
+            column, _ = self._layout.columns(here_m, free)
             fresh = (ago_s <= np.where(column < 0, UNSEEN_S, LOST_S)) & ~among(kept.number, moving)
-            kept, self._seen_ns = kept.where(fresh), self._seen_ns[fresh]
-        gone = ~among(kept.number, faces.number)
-        lost, ago_s = kept.where(gone), (self._t_ns - self._seen_ns[gone])[:, None] / 1e9
+            kept, here_m, self._seen_ns = kept.where(fresh), here_m[fresh], self._seen_ns[fresh]
+        lost = kept._replace(at_m=here_m, velocity_mps=turned(kept.velocity_mps, -own.heading_rad))
+        lost = lost.where(~among(kept.number, faces.number) & (here_m[:, 0] < LOST_M))
         if sure:
             new = faces.where(among(faces.number, moving))
             likely_mps = np.stack([new.velocity_mps[:, 0], new.likely_mps], 1)
@@ -194,9 +195,7 @@ class Decider:
             kept = Hazards.joined([kept, new])
             self._seen_ns = np.concatenate([self._seen_ns, np.full(len(new.number), self._t_ns)])
         self._movers = kept
-        at_m = own.from_here(lost.at_m + lost.velocity_mps * ago_s)
-        lost = lost._replace(at_m=at_m, velocity_mps=turned(lost.velocity_mps, -own.heading_rad))
-        return lost.where(lost.at_m[:, 0] < LOST_M)
+        return lost
 
     def _choose(self, hazards: Hazards, free: FreeSpace) -> Decision:
         if self._way is not None:
@@ -345,7 +344,8 @@ class Decider:
         hard = min(s.brake_mps2, max(found.needed_mps2 if found else 0.0, SLOWER_MPS2))
         if found and (things.moves[found.at] or hard >= s.brake_share * s.brake_mps2):
             self._until_ns = self._t_ns + round(1e9 * s.hold_s)
-            self._yields_ns = self._until_ns if things.moves[found.at] else self._yields_ns
+            if things.moves[found.at]:
+                self._yields_ns = self._until_ns
             return self._steered(rest, hard, f"{told}; braking on it", found, number, "brake")
         return self._steered(rest, SLOWER_MPS2, f"{told}; slowing down", found, number)
 
