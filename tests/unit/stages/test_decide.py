@@ -651,7 +651,7 @@ def test_who_is_beside_a_car_that_creeps_on_its_way_goes_first() -> None:
 
 def test_braking_on_a_way_round_goes_on_for_a_moment() -> None:
     """A wall that is not found for two frames leaves the car no faster."""
-    wall = Thing(30.0, 0.0, 30.0, (-1.0, 0.0), "moving", id=4)
+    wall = Thing(30.0, 0.0, 12.0, (-1.0, 0.0), "moving", id=4)
     decider = Decider(TWIN)
     drive = Obeyed([(0.0, Thing(30.0, 0.2)), (2.0, wall)], gone_s=(2.25, 2.45)).run(26, decider)
     assert decider._yields_ns > 0  # to who moves
@@ -688,3 +688,45 @@ def test_what_moved_for_sure_is_not_doubted_at_once() -> None:
         return actions.index("brake")
 
     assert first_braked(0.8) < first_braked(0.0)
+
+
+@pytest.mark.parametrize(("towards_mps", "comes"), [(-1.5, True), (-7.0, False)])
+def test_what_may_stand_comes_no_faster_than_people_do(towards_mps: float, comes: bool) -> None:
+    """A part of a car behind another, now larger, now smaller, seems to come fast."""
+    thing = Thing(18.0, 0.0, v=(towards_mps, 0.0), motion="unknown")
+    faces, _ = Layout(TWIN, None).faces([obstacle(thing)], free_space([thing]))
+    assert set(faces.velocity_mps[:, 0]) == {towards_mps if comes else 0.0}
+    known, _ = Layout(TWIN, None).faces([obstacle(replace(thing, motion="moving"))], free_space([thing]))
+    assert set(known.velocity_mps[:, 0]) == {towards_mps}
+
+
+def test_what_ends_no_columns_is_as_wide_as_its_box() -> None:
+    """A wall along the road whose near end was measured: its width, all that is known of it, leads into the road."""
+    wall = obstacle(Thing(20.0, -6.0, 4.0))
+    wall = replace(wall, size_m=np.array([19.0, 3.0, 35.0]), position_m=np.array([20.0, -3.3, 0.0]))
+    faces, _ = Layout(TWIN, None).faces([wall], free_space([], reach_m=12.0))
+    assert len(faces.at_m) > 10
+    np.testing.assert_allclose(faces.at_m[:, 0], 20.0)
+    np.testing.assert_allclose([faces.at_m[:, 1].min(), faces.at_m[:, 1].max()], [-8.0, -4.0], atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("thing", "is_kept"),
+    [
+        (Thing(6.0, 1.0, v=(-1.0, 0.0), motion="moving"), True),
+        (Thing(6.0, 1.0, v=(-1.0, 0.0), motion="moving", coasted_s=0.1), False),
+        (Thing(6.0, 5.0, v=(-1.0, 0.0), motion="moving"), False),
+    ],
+)
+def test_what_moved_is_remembered_if_it_was_seen_whole(thing: Thing, is_kept: bool) -> None:
+    """A part of a house at the picture's side, or one that coasts, does not begin to move for sure."""
+    decider = Decider(TWIN)
+    decider.decide([obstacle(thing)], free_space([thing]), step(START_NS), START_NS, ROAD)
+    assert (len(decider._movers.number) > 0) == is_kept
+
+
+def test_the_likely_way_of_who_moves_for_sure_needs_no_certainty() -> None:
+    thing = Thing(12.0, 1.0, v=(-1.4, 0.25), motion="moving", sigma_mps=0.3)
+    for movers, aside_mps in ((set(), 0.0), ({3}, 0.25)):
+        faces, _ = Layout(TWIN, None).faces([obstacle(thing)], free_space([thing]), movers)
+        assert set(faces.likely_mps) == {aside_mps}

@@ -508,8 +508,10 @@ def test_what_moves_leaves_its_place(what: str, motion: str, is_blocked: bool) -
         (found,) = tracker.update([replace(seen, uvd_px=noisy)], ns(i / 10), ego, free)
     assert found.track.motion == motion
     if what == "wall":
-        assert found.track.velocity_mps.tolist() == [0, 0]
-        assert found.track.velocity_sigma_mps[0] > 7
+        missed = tracker.update([], ns(1.2), EgoMotion(ns(1.1), ns(1.2), T, cov), free)
+        for track in (found.track, missed[0].track):
+            assert track.velocity_mps.tolist() == [0, 0]
+            assert track.velocity_sigma_mps[0] > 7
     else:
         assert found.track.velocity_mps[0] == pytest.approx(8, abs=1)
 

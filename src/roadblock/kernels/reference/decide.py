@@ -34,6 +34,8 @@ SETTLED_DOUBT, YOUNG_DOUBT = 0.45, 0.85
 """What may move or stand counts once so much of the hardest braking is needed to stop right before it."""
 HARDLY_DOUBT, HARDLY_S, HARDLY_MPS, HARDLY_ASIDE_MPS = 0.1, 0.3, 3.0, 1.0
 """From this age on there is little doubt about what is not faster than this, forwards and across, two sigmas up."""
+TOWARDS_MPS = -3.0
+"""What is in doubt and seems to come faster stands: a piece of something, now larger, now smaller, looks like that."""
 CELL_M = 0.2
 STANDS_THERE, ALONE, AGAINST = 2, 1, 2
 """Evidence for a cell, of one frame: a column that ends there, one that does so alone, free road behind it."""
@@ -64,7 +66,8 @@ def weigh(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return how fast things are as far as it is known, (n, 2), its sigmas (n, 2), and how much is in doubt (n,).
 
-    And (n,) how fast they most likely go to the left. The sigmas of what has no velocity are 0.
+    And (n,) how fast they most likely go to the left. The sigmas of what has no velocity are 0. What may as well stand
+    comes towards the car no faster than people do.
 
     Parameters
     ----------
@@ -84,9 +87,12 @@ def weigh(
     hardly &= has_velocity & (age_s >= HARDLY_S)
     waits = np.where(hardly, HARDLY_DOUBT, np.where(age_s >= YOUNG_S, SETTLED_DOUBT, YOUNG_DOUBT))
     sure = counts[:, None] & (np.abs(velocity_mps) > 2 * sigma)
-    likely = has_velocity & (motion != STANDS) & (age_s >= HARDLY_S) & (aside > sigma[:, 1])
+    likely = has_velocity & (motion != STANDS) & (age_s >= HARDLY_S)
+    likely &= is_mover | (aside > sigma[:, 1])
+    speed = np.where(sure, velocity_mps, 0.0)
+    speed[~known & (speed[:, 0] < TOWARDS_MPS), 0] = 0.0
     return (
-        np.where(sure, velocity_mps, 0.0),
+        speed,
         np.where(has_velocity[:, None], sigma, 0.0),
         np.where(known, 0.0, waits),
         np.where(likely, velocity_mps[:, 1], 0.0),
@@ -107,8 +113,7 @@ def place(u_px: Floats, z_m: Floats, twin: Floats, R: Floats) -> Floats:
 def outline(
     sides_px: Floats,
     range_m: Floats,
-    size_m: Floats,
-    feet_m: Floats,
+    long_m: Floats,
     velocity_mps: Floats,
     is_new: Flags,
     tracked: int,
@@ -120,13 +125,14 @@ def outline(
 ) -> tuple[Floats, Integers, Integers]:
     """Return points (m, 2) along the faces of things, (m,) of which, and (c,) evidence that columns end at what stands.
 
-    Its columns tell how a side runs, its range how near it comes; without columns its width does. A column is of the
-    thing to whose range it ends nearest, and not before that; whose columns are all of others is behind them.
+    Its columns tell how a side runs, its range how near it comes; without any that end there, what its box is wide. A
+    column is of the thing to whose range it ends nearest, and not before that; whose columns are all of others is
+    behind them.
 
     Parameters
     ----------
-    sides_px, range_m, size_m, feet_m, velocity_mps
-        (n, 2) first and last column; (n,); (n, 2) width and length; (n, 2) middle of the foot; (n, 2).
+    sides_px, range_m, long_m, velocity_mps
+        (n, 2) first and last column; (n,); (n,) 0 where it is unknown; (n, 2).
     is_new, tracked
         (n,) what may turn out to move: like what moves, it leaves no traces. Only the first ones have faces.
     grid, free_m, is_blocked
@@ -147,7 +153,7 @@ def outline(
         with np.errstate(invalid="ignore"):
             beside = (u >= sides_px[k, 0] - edge_px) & (u < sides_px[k, 1] + edge_px)
             runs_on = beside & is_blocked & (free_m >= range_m[k] - near_m)
-            mine = runs_on & (free_m <= range_m[k] + near_m + size_m[k, 1])
+            mine = runs_on & (free_m <= range_m[k] + near_m + long_m[k])
             off_m[k] = np.where(mine, np.abs(free_m - range_m[k]), np.inf)
         evidence[ends & runs_on & leaves] = STANDS_THERE
         leaves_none |= np.isfinite(off_m[k]) & (not leaves)
@@ -160,9 +166,9 @@ def outline(
         if shared.sum() > 1:
             at_m = place(u[mine], np.maximum(free_m[mine], range_m[k]), twin, R)
         else:
-            count = max(2, int(np.ceil(size_m[k, 0] / FACE_STEP_M)) + 1)
-            aside = size_m[k, 0] * (np.arange(count) / (count - 1) - 0.5)
-            at_m = np.stack([np.full(count, feet_m[k, 0]), feet_m[k, 1] + aside], 1)
+            wide_m = (sides_px[k, 1] - sides_px[k, 0]) / twin[0] * range_m[k]
+            count = max(2, int(np.ceil(wide_m / FACE_STEP_M)) + 1)
+            at_m = place(np.linspace(sides_px[k, 0], sides_px[k, 1], count), np.full(count, range_m[k]), twin, R)
         points.append(at_m)
         owners.append(np.full(len(at_m), k))
     return np.concatenate(points), np.concatenate(owners), evidence

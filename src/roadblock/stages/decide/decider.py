@@ -164,7 +164,8 @@ class Decider:
     def _seen(self, obstacles: Sequence[Obstacle], free: FreeSpace) -> Hazards:
         """Take a frame in, and return everything that stands or moves, in the axes of the vehicle."""
         r, own = self._layout.rectification, self._own
-        faces, gained = self._layout.faces(obstacles, free, set(self._movers.number.tolist()))
+        movers = set(self._movers.number.tolist())
+        faces, gained = self._layout.faces(obstacles, free, movers)
         foot_m = self._height_m * r.f_px / (r.size_px[1] - r.cy_px) + FOOT_M  # NaN: nothing is in view for sure
         self._stood.take_in(free, free.range_m, gained, foot_m, own, self._layout)
         if free.edges is not None:
@@ -172,7 +173,13 @@ class Decider:
             is_edge = np.isfinite(edge_m)
             reach_m = np.where(is_edge, edge_m, free.range_m)
             self._kerbs.take_in(free, reach_m, STANDS_THERE * is_edge, foot_m, own, self._layout)
-        sure = {o.track.id for o in obstacles if o.track is not None and o.track.motion == "moving"}
+        sure = {
+            t.id
+            for o in obstacles
+            if (t := o.track) is not None
+            and t.motion == "moving"
+            and (t.id in movers or (t.coasted_s == 0 and self._layout.shows_sides(o)))
+        }
         stood = Hazards.of(self._stood.here_m, sigma_m=CELL_M)
         return Hazards.joined([stood, faces, self._lost(faces, sure, free)])
 

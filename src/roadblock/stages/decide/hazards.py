@@ -19,7 +19,6 @@ LONGEST_COAST_S = 0.3
 BORDER_SHARE = 0.04
 """So near to the picture's side, by its width, nothing has a velocity that had none before: ends of walls go along."""
 _VELOCITY, _COV = attrgetter("velocity_mps"), attrgetter("velocity_cov_m2ps2")
-_SIZE, _POSITION = attrgetter("size_m"), attrgetter("position_m")
 TOLD = {"moving": MOVES, "standing": STANDS, "unknown": UNTOLD}
 
 
@@ -100,6 +99,11 @@ class Layout:
             inside = (column >= 0) & (column < len(free.u_px))
         return np.where(inside, np.nan_to_num(column), -1).astype(np.intp), z
 
+    def shows_sides(self, obstacle: Obstacle) -> bool:
+        """Return whether both sides of an obstacle are well inside of the picture."""
+        width_px = self.rectification.size_px[0]
+        return BORDER_SHARE * width_px <= obstacle.box_px[0] and obstacle.box_px[2] <= (1 - BORDER_SHARE) * width_px
+
     def faces(
         self, obstacles: Sequence[Obstacle], free: FreeSpace, movers: Collection[int] = ()
     ) -> tuple[Hazards, NDArray[np.int64]]:
@@ -109,14 +113,12 @@ class Layout:
         """
         seen = [(o, t) for o in obstacles if (t := o.track) is not None and t.coasted_s <= LONGEST_COAST_S]
         new = [o for o in obstacles if o.track is None]
-        width_px = self.rectification.size_px[0]
-        inside = BORDER_SHARE * width_px, (1 - BORDER_SHARE) * width_px
         rows = [
             (
                 t.id,
                 t.age_s,
                 TOLD[t.motion],
-                t.is_over_ground and (t.id in movers or (inside[0] <= o.box_px[0] and o.box_px[2] <= inside[1])),
+                t.is_over_ground and (t.id in movers or self.shows_sides(o)),
                 t.id in movers,
                 o.range_m,
                 o.range_sigma_m,
@@ -130,15 +132,14 @@ class Layout:
         number, age_s, motion, has_velocity, is_mover, range_m, sigma_m = told[:, :7].T
         velocity, cov = (_table([part(t) for _, t in seen], n, len(rows)) for part, n in ((_VELOCITY, 2), (_COV, 4)))
         everything = [*(o for o, _ in seen), *new]
-        size_m, foot_m = (_table([part(o) for o in everything], 3, len(rows)) for part in (_SIZE, _POSITION))
+        long_m = np.array([o.size_m[2] for o in everything], float)
         speeds, sigmas, doubt, likely = weigh(
             velocity, cov.reshape(-1, 2, 2), motion.astype(np.int64), age_s, has_velocity > 0, is_mover > 0
         )
         at_m, owner, evidence = outline(
             told[:, 7:],
             range_m,
-            np.where(size_m > 0, size_m, 0.0)[:, ::2],  # unknown lengths are NaN
-            foot_m[:, :2] - self.origin_m,
+            np.where(long_m > 0, long_m, 0.0),  # unknown lengths are NaN
             speeds,
             (doubt > 0) & (age_s < YOUNG_S),
             len(seen),

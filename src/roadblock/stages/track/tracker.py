@@ -342,7 +342,7 @@ class Tracker:
             return
         verdict = self._traces.judge(b, free_space, self._t_ns)
         b.moved_ns[verdict.moved] = self._t_ns
-        b.slid = verdict.slid & (self._t_ns - b.moved_ns > 1e9 * MOVED_S)
+        b.slid = np.where(b.seen_ns == self._t_ns, verdict.slid, b.slid) & (self._t_ns - b.moved_ns > 1e9 * MOVED_S)
 
     def _feel(self, rows: Indices, flow: Flow, dt_s: float) -> None:
         """Let tracks measured now know the velocity of the features on them."""
