@@ -485,28 +485,28 @@ def test_features_tell_how_fast_a_wall_is_whose_near_end_goes_along(walks: float
     assert found.track.motion == ("moving" if walks else "standing")
 
 
-@pytest.mark.parametrize(("what", "motion"), [("car", "moving"), ("wall", "unknown")])
+@pytest.mark.parametrize(
+    ("what", "u_px", "near_m"), [("car", 600.0, 12.0), ("wall", 1130.0, 6.0), ("wall", 1000.0, 6.0)]
+)
 @pytest.mark.parametrize("is_blocked", [True, False])
-def test_what_moves_leaves_its_place(what: str, motion: str, is_blocked: bool) -> None:
-    """A car 12 m ahead goes as fast as the vehicle; so does the near end of a wall, at the border of the picture."""
+def test_what_moves_leaves_its_place(what: str, u_px: float, near_m: float, is_blocked: bool) -> None:
+    """A car 12 m ahead goes as fast as the vehicle; so does the near end of a wall, cut by the picture or hidden."""
     tracker, rng = Tracker(RECTIFICATION, None), np.random.default_rng(5)
     r, columns = RECTIFICATION, np.arange(3.5, 1240, 8)
     T, cov = pose(np.eye(3), [0.0, 0.0, -0.8]), np.diag([1e-8] * 3 + [1e-6] * 3)
-    near_m = {"car": 12.0, "wall": 6.0}[what]
-    uvd = np.array([{"car": 600.0, "wall": 1130.0}[what], 180.0, r.f_px * r.baseline_m / near_m])
+    uvd = np.array([u_px, 180.0, r.f_px * r.baseline_m / near_m])
     seen = obstacle(uvd, (1.8, 1.5))
     for i in range(12):
         noisy = uvd + SIGMA_PX / 2 * rng.standard_normal(3)
         range_m = np.full(len(columns), 40.0)
         if what == "wall":
-            side_m = 5.5 * r.f_px / np.maximum(columns - r.cx_px, 1.0)
-            range_m = np.minimum(range_m, side_m)
+            range_m = np.minimum(range_m, near_m * (u_px + 50 - r.cx_px) / np.maximum(columns - r.cx_px, 1.0))
         else:
             range_m[(columns >= seen.box_px[0]) & (columns < seen.box_px[2])] = near_m
         free = FreeSpace(columns, range_m, range_m < 40 if is_blocked else None)
         ego = EgoMotion(ns(i / 10 - 0.1), ns(i / 10), T, cov) if i else None
         (found,) = tracker.update([replace(seen, uvd_px=noisy)], ns(i / 10), ego, free)
-    assert found.track.motion == motion
+    assert found.track.motion == {"car": "moving", "wall": "unknown"}[what]
     if what == "wall":
         missed = tracker.update([], ns(1.2), EgoMotion(ns(1.1), ns(1.2), T, cov), free)
         for track in (found.track, missed[0].track):
