@@ -194,6 +194,19 @@ def test_the_foot_that_carries_a_walker_does_not_say_that_it_stands(kernels) -> 
         assert found[0][0, 1] == pytest.approx(v_mps, abs=0.2)
 
 
+@pytest.mark.parametrize("kernels", [compiled, reference])
+def test_limbs_that_go_up_and_down_do_not_say_that_a_walker_comes(kernels) -> None:
+    """What is seen of who crosses goes up by 4 cm; of things as wide as high a sign of going away."""
+    flow = features((0.0, 1.4), np.full(6, 10.0), 0.1, 0.0)
+    flow[0][:, 1] = np.linspace(240, 245, 6)
+    for u0, u1, least_mps, most_mps in ((500.0, 700.0, 0.0, 0.1), (300.0, 900.0, 1.0, 20.0)):
+        box, off_px = np.array([[u0, 0.0, u1, 374.0]]), flow[1] - [0.0, 2.5, 0.0]
+        found = kernels.feel(
+            np.zeros(1, np.intp), flow[0], off_px, flow[2], 0.1, box, np.array([10.0]), np.zeros(1), TWIN, T_CAR_VEHICLE
+        )
+        assert least_mps <= abs(found[0][0, 0]) <= most_mps
+
+
 @pytest.mark.parametrize("n", COUNTS)
 def test_approach(n: int) -> None:
     x, P = tracks(n)

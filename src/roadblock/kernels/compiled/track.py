@@ -290,8 +290,8 @@ def feel(
     """See `reference.track.feel`."""
     n, count = len(rows), len(uvd)
     f, cx, cy, baseline_m = twin
-    A, b, c, z = np.empty((count, 3)), np.empty((count, 2)), np.empty(count), np.empty(count)
-    J, JW = np.empty((3, 2)), np.empty((2, 3))
+    A, b, c, z = np.empty((2, count, 3)), np.empty((2, count, 2)), np.empty((2, count)), np.empty(count)
+    J, JW, aside = np.empty((3, 2)), np.empty((2, 3)), np.empty((3, 3))
     for k in range(count):
         h = uvd[k, 2] - off_px[k, 2] / 2
         z[k] = f * baseline_m / uvd[k, 2] if uvd[k, 2] > 0 and h > 0 else np.nan
@@ -301,25 +301,29 @@ def feel(
             J[0, j] = scale * (T_car_vehicle[0, j] - u_m * T_car_vehicle[2, j])
             J[1, j] = scale * (T_car_vehicle[1, j] - v_m * T_car_vehicle[2, j])
             J[2, j] = -scale * h / f * T_car_vehicle[2, j]
-        W, off = information_px2[k], off_px[k]
-        for j in range(2):
-            for i in range(3):
-                JW[j, i] = J[0, j] * W[0, i] + J[1, j] * W[1, i] + J[2, j] * W[2, i]
-            b[k, j] = JW[j, 0] * off[0] + JW[j, 1] * off[1] + JW[j, 2] * off[2]
-        A[k, 0] = JW[0, 0] * J[0, 0] + JW[0, 1] * J[1, 0] + JW[0, 2] * J[2, 0]
-        A[k, 1] = JW[0, 0] * J[0, 1] + JW[0, 1] * J[1, 1] + JW[0, 2] * J[2, 1]
-        A[k, 2] = JW[1, 0] * J[0, 1] + JW[1, 1] * J[1, 1] + JW[1, 2] * J[2, 1]
-        c[k] = 0.0
+        whole, off = information_px2[k], off_px[k]
         for i in range(3):
             for j in range(3):
-                c[k] += off[i] * W[i, j] * off[j]
+                aside[i, j] = whole[i, j] - whole[i, 1] * whole[1, j] / whole[1, 1]
+        for p, W in enumerate((whole, aside)):
+            for j in range(2):
+                for i in range(3):
+                    JW[j, i] = J[0, j] * W[0, i] + J[1, j] * W[1, i] + J[2, j] * W[2, i]
+                b[p, k, j] = JW[j, 0] * off[0] + JW[j, 1] * off[1] + JW[j, 2] * off[2]
+            A[p, k, 0] = JW[0, 0] * J[0, 0] + JW[0, 1] * J[1, 0] + JW[0, 2] * J[2, 0]
+            A[p, k, 1] = JW[0, 0] * J[0, 1] + JW[0, 1] * J[1, 1] + JW[0, 2] * J[2, 1]
+            A[p, k, 2] = JW[1, 0] * J[0, 1] + JW[1, 1] * J[1, 1] + JW[1, 2] * J[2, 1]
+            c[p, k] = 0.0
+            for i in range(3):
+                for j in range(3):
+                    c[p, k] += off[i] * W[i, j] * off[j]
     v_mps, cov, known = np.empty((n, 2)), np.empty((n, 2, 2)), np.empty(n, np.bool_)
     mine, trust = np.empty(count, np.int64), np.empty(count)
     for o in range(n):
-        m, r = 0, rows[o]
+        m, p, r = 0, 0, rows[o]
         u0, v0, u1, v1 = boxes[r]
         if v1 - v0 > UPRIGHT * (u1 - u0):
-            v1 = v0 + ABOVE_FOOT * (v1 - v0)
+            p, v1 = 1, v0 + ABOVE_FOOT * (v1 - v0)
         near_m, far_m = range_m[r] - BEFORE_M, range_m[r] + max(BEHIND_M, BEHIND_SHARE * range_m[r], long_m[r])
         for k in range(count):
             if u0 <= uvd[k, 0] < u1 and v0 <= uvd[k, 1] < v1 and near_m < z[k] < far_m:
@@ -329,18 +333,18 @@ def feel(
             a0, a1, a2, b0, b1 = 1e-6, 0.0, 1e-6, 0.0, 0.0
             for i in range(m):
                 k, w = mine[i], trust[i]
-                a0 += w * A[k, 0]
-                a1 += w * A[k, 1]
-                a2 += w * A[k, 2]
-                b0 += w * b[k, 0]
-                b1 += w * b[k, 1]
+                a0 += w * A[p, k, 0]
+                a1 += w * A[p, k, 1]
+                a2 += w * A[p, k, 2]
+                b0 += w * b[p, k, 0]
+                b1 += w * b[p, k, 1]
             det = a0 * a2 - a1 * a1
             vx, vy = (a2 * b0 - a1 * b1) / det, (a0 * b1 - a1 * b0) / det
             counted = 0.0
             for i in range(m):
                 k = mine[i]
-                squared = c[k] - 2 * (vx * b[k, 0] + vy * b[k, 1])
-                squared += vx * vx * A[k, 0] + 2 * vx * vy * A[k, 1] + vy * vy * A[k, 2]
+                squared = c[p, k] - 2 * (vx * b[p, k, 0] + vy * b[p, k, 1])
+                squared += vx * vx * A[p, k, 0] + 2 * vx * vy * A[p, k, 1] + vy * vy * A[p, k, 2]
                 trust[i] = 1 / (1 + max(squared, 0.0) / CAUCHY**2)
                 counted += trust[i]
         v_mps[o, 0], v_mps[o, 1] = vx, vy

@@ -30,7 +30,8 @@ BEFORE_M, BEHIND_M, BEHIND_SHARE = 0.7, 3.0, 0.1
 """A feature inside a box belongs to the obstacle if it is no nearer than its nearest face by the first, nor further by
 the second, this share of the range, or the obstacle's length."""
 UPRIGHT, ABOVE_FOOT = 1.5, 2 / 3
-"""Of what is so many times as high as wide it lies in this upper part: the foot that carries a walker stands."""
+"""What is so many times as high as wide may walk. Only this upper part of it counts: the foot that carries stands. And
+only how far that goes aside: arms and legs go up and down."""
 CAUCHY, ROUNDS = 3.0, 4
 """Residuals of this many sigmas count half; so often they are weighed."""
 LEAST, LEAST_SHARE = 2.0, 0.5
@@ -267,7 +268,8 @@ def feel(
     half = uvd - off_px / 2
     z = f * baseline_m / d
     wide, high = (boxes[:, 2:] - boxes[:, :2]).T
-    low = (boxes[:, 1] + np.where(high > UPRIGHT * wide, ABOVE_FOOT, 1.0) * high)[:, None]
+    is_upright = high > UPRIGHT * wide
+    low = (boxes[:, 1] + np.where(is_upright, ABOVE_FOOT, 1.0) * high)[:, None]
     inside = (u >= boxes[:, :1]) & (u < boxes[:, 2:3]) & (v >= boxes[:, 1:2]) & (v < low)
     behind_m = np.maximum(np.maximum(BEHIND_M, BEHIND_SHARE * range_m), long_m)[:, None]
     inside &= (d > 0) & (half[:, 2] > 0) & (z > range_m[:, None] - BEFORE_M) & (z < range_m[:, None] + behind_m)
@@ -281,14 +283,17 @@ def feel(
     by_place[:, 2, 2] = -half[:, 2] * per_m / f
     J = dt_s * by_place @ T_car_vehicle[:3, :2]
     W, off = information_px2[used], off_px[used]
+    aside = W - W[:, :, 1:2] * W[:, 1:2] / W[:, 1:2, 1:2]  # what is left of it if how far it went up is not known
+    W = np.stack([W, aside])
     JW = J.swapaxes(1, 2) @ W
-    A, b = (JW @ J).reshape(-1, 4), (JW @ off[..., None])[..., 0]
-    c = np.einsum("ki,kij,kj->k", off, W, off)
+    parts = (JW @ J).reshape(2, -1, 4), (JW @ off[..., None])[..., 0], np.einsum("ki,pkij,kj->pk", off, W, off)
+    A, b, c = (part[is_upright.astype(int)] for part in parts)
     trust = inside.astype(float)
     for _ in range(ROUNDS):
-        normal = (trust @ A).reshape(n, 2, 2) + 1e-6 * np.eye(2)
-        v_mps = np.linalg.solve(normal, (trust @ b)[..., None])[..., 0]
-        squared = c - 2 * v_mps @ b.T + (v_mps[:, :, None] * v_mps[:, None, :]).reshape(n, 4) @ A.T
+        normal = np.einsum("nk,nki->ni", trust, A).reshape(n, 2, 2) + 1e-6 * np.eye(2)
+        v_mps = np.linalg.solve(normal, np.einsum("nk,nki->ni", trust, b)[..., None])[..., 0]
+        squared = c - 2 * np.einsum("ni,nki->nk", v_mps, b)
+        squared += np.einsum("ni,nki->nk", (v_mps[:, :, None] * v_mps[:, None, :]).reshape(n, 4), A)
         trust = inside / (1 + np.maximum(squared, 0) / CAUCHY**2)
     counted = trust.sum(1)
     ahead_mps = (STEP_PX / dt_s * range_m**2 / (f * baseline_m))[:, None] * T_car_vehicle[2, :2]
