@@ -1,7 +1,7 @@
 """The decider: what stands or moves in the car's way, and what to do about it; remembers the last moments."""
 
 import math
-from collections.abc import Sequence, Set
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,8 +164,7 @@ class Decider:
     def _seen(self, obstacles: Sequence[Obstacle], free: FreeSpace) -> Hazards:
         """Take a frame in, and return everything that stands or moves, in the axes of the vehicle."""
         r, own = self._layout.rectification, self._own
-        movers = set(self._movers.number.tolist())
-        faces, gained = self._layout.faces(obstacles, free, movers)
+        faces, gained, movers = self._layout.faces(obstacles, free, set(self._movers.number.tolist()))
         foot_m = self._height_m * r.f_px / (r.size_px[1] - r.cy_px) + FOOT_M  # NaN: nothing is in view for sure
         self._stood.take_in(free, free.range_m, gained, foot_m, own, self._layout)
         if free.edges is not None:
@@ -173,19 +172,12 @@ class Decider:
             is_edge = np.isfinite(edge_m)
             reach_m = np.where(is_edge, edge_m, free.range_m)
             self._kerbs.take_in(free, reach_m, STANDS_THERE * is_edge, foot_m, own, self._layout)
-        sure = {
-            t.id
-            for o in obstacles
-            if (t := o.track) is not None
-            and t.motion == "moving"
-            and (t.id in movers or (t.coasted_s == 0 and self._layout.shows_sides(o)))
-        }
         stood = Hazards.of(self._stood.here_m, sigma_m=CELL_M)
-        return Hazards.joined([stood, faces, self._lost(faces, sure, free)])
+        return Hazards.joined([stood, faces, self._lost(faces, movers, free)])
 
-    def _lost(self, faces: Hazards, sure: Set[int], free: FreeSpace) -> Hazards:
+    def _lost(self, faces: Hazards, moving: NDArray[np.int64], free: FreeSpace) -> Hazards:
         """Keep what moves for sure; return what did, was near and is not found now, moved on."""
-        own, kept, moving = self._own, self._movers, np.array([*sure], np.int64)
+        own, kept = self._own, self._movers
         ago_s = (self._t_ns - self._seen_ns) / 1e9
         here_m = own.from_here(kept.at_m + kept.velocity_mps * ago_s[:, None])
         if len(kept.number):
@@ -194,7 +186,7 @@ class Decider:
             kept, here_m, self._seen_ns = kept.where(fresh), here_m[fresh], self._seen_ns[fresh]
         lost = kept._replace(at_m=here_m, velocity_mps=turned(kept.velocity_mps, -own.heading_rad))
         lost = lost.where(~among(kept.number, faces.number) & (here_m[:, 0] < LOST_M))
-        if sure:
+        if len(moving):
             new = faces.where(among(faces.number, moving))
             likely_mps = np.stack([new.velocity_mps[:, 0], new.likely_mps], 1)
             velocity_mps = turned(likely_mps, own.heading_rad)

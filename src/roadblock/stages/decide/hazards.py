@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 
 from roadblock.geometry.pose import vehicle_from_car
 from roadblock.kernels.compiled.decide import outline, weigh
-from roadblock.kernels.reference.decide import MOVES, SLOW_MPS, STANDS, UNTOLD, YOUNG_S
+from roadblock.kernels.reference.decide import (
+    BESIDE_SHARE,
+    DEEP_M,
+    MOVES,
+    SETTLED_S,
+    SLOW_MPS,
+    STANDS,
+    UNTOLD,
+    YOUNG_S,
+)
 from roadblock.values.camera import Rectification
 from roadblock.values.checks import FloatArray
 from roadblock.values.scene import FreeSpace, Obstacle
@@ -18,6 +27,8 @@ from roadblock.values.scene import FreeSpace, Obstacle
 LONGEST_COAST_S = 0.3
 BORDER_SHARE = 0.04
 """So near to the picture's side, by its width, nothing has a velocity that had none before: ends of walls go along."""
+BESIDE = np.array([[-2, -1], [0, 1]])
+"""Nor if one of these columns beside it, from the first one behind each of its ends, ends at something nearer."""
 _VELOCITY, _COV = attrgetter("velocity_mps"), attrgetter("velocity_cov_m2ps2")
 TOLD = {"moving": MOVES, "standing": STANDS, "unknown": UNTOLD}
 
@@ -99,26 +110,22 @@ class Layout:
             inside = (column >= 0) & (column < len(free.u_px))
         return np.where(inside, np.nan_to_num(column), -1).astype(np.intp), z
 
-    def shows_sides(self, obstacle: Obstacle) -> bool:
-        """Return whether both sides of an obstacle are well inside of the picture."""
-        width_px = self.rectification.size_px[0]
-        return BORDER_SHARE * width_px <= obstacle.box_px[0] and obstacle.box_px[2] <= (1 - BORDER_SHARE) * width_px
-
     def faces(
         self, obstacles: Sequence[Obstacle], free: FreeSpace, movers: Collection[int] = ()
-    ) -> tuple[Hazards, NDArray[np.int64]]:
-        """Return the faces of all obstacles that have a track, and (c,) evidence that columns end at what stands.
+    ) -> tuple[Hazards, NDArray[np.int64], NDArray[np.int64]]:
+        """Return the faces of all obstacles that have a track, (c,) evidence that something stands, and movers.
 
-        `movers` are known to move from before. What ends a column alone does not count, nor what may turn out to move.
+        Those are the numbers of tracks that move for sure; `movers` are known from before. What ends a column alone
+        does not count, nor what may turn out to move.
         """
         seen = [(o, t) for o in obstacles if (t := o.track) is not None and t.coasted_s <= LONGEST_COAST_S]
         new = [o for o in obstacles if o.track is None]
         rows = [
             (
                 t.id,
-                t.age_s,
+                t.age_s - t.coasted_s,
                 TOLD[t.motion],
-                t.is_over_ground and (t.id in movers or self.shows_sides(o)),
+                t.is_over_ground,
                 t.id in movers,
                 o.range_m,
                 o.range_sigma_m,
@@ -129,19 +136,21 @@ class Layout:
         ]
         rows += [(0, 0.0, UNTOLD, False, False, o.range_m, o.range_sigma_m, o.box_px[0], o.box_px[2]) for o in new]
         told = np.fromiter(chain.from_iterable(rows), float, 9 * len(rows)).reshape(-1, 9)
-        number, age_s, motion, has_velocity, is_mover, range_m, sigma_m = told[:, :7].T
+        number, seen_s, motion, over_ground, is_mover, range_m, sigma_m = told[:, :7].T
+        has_velocity = (over_ground > 0) & ((is_mover > 0) | self._is_whole(told[:, 7:], range_m, free))
+        sure = has_velocity & (motion == MOVES) & ((is_mover > 0) | (seen_s >= SETTLED_S))
         velocity, cov = (_table([part(t) for _, t in seen], n, len(rows)) for part, n in ((_VELOCITY, 2), (_COV, 4)))
         everything = [*(o for o, _ in seen), *new]
         long_m = np.array([o.size_m[2] for o in everything], float)
         speeds, sigmas, doubt, likely = weigh(
-            velocity, cov.reshape(-1, 2, 2), motion.astype(np.int64), age_s, has_velocity > 0, is_mover > 0
+            velocity, cov.reshape(-1, 2, 2), motion.astype(np.int64), seen_s, has_velocity, is_mover > 0
         )
         at_m, owner, evidence = outline(
             told[:, 7:],
             range_m,
             np.where(long_m > 0, long_m, 0.0),  # unknown lengths are NaN
             speeds,
-            (doubt > 0) & (age_s < YOUNG_S),
+            (doubt > 0) & (seen_s < YOUNG_S),
             len(seen),
             free.grid,
             free.range_m,
@@ -151,7 +160,20 @@ class Layout:
         )
         numbers = number.astype(np.int64)
         sigma_m, sigmas, doubt, likely = sigma_m[owner], sigmas[owner], doubt[owner], likely[owner]
-        return Hazards(at_m, speeds[owner], sigma_m, sigmas, numbers[owner], doubt, likely), evidence
+        faces = Hazards(at_m, speeds[owner], sigma_m, sigmas, numbers[owner], doubt, likely)
+        return faces, evidence, numbers[sure]
+
+    def _is_whole(self, sides_px: FloatArray, range_m: FloatArray, free: FreeSpace) -> NDArray[np.bool_]:
+        """Return (n,) whether neither the picture's side nor something nearer cuts things; sides as in `outline`."""
+        width_px = self.rectification.size_px[0]
+        whole = (sides_px[:, 0] >= BORDER_SHARE * width_px) & (sides_px[:, 1] <= (1 - BORDER_SHARE) * width_px)
+        if len(free.u_px):
+            first_px, step_px = free.grid
+            columns = np.ceil((sides_px - first_px) / step_px).astype(np.intp)[..., None] + BESIDE
+            before_m = range_m - np.maximum(BESIDE_SHARE * range_m, DEEP_M)
+            column_m = np.where(free.ends, free.range_m, np.inf).take(columns, mode="clip")
+            whole &= (column_m >= before_m[:, None, None]).all((1, 2))
+        return np.asarray(whole)
 
     def is_seen_free(self, at_m: FloatArray, free: FreeSpace) -> NDArray[np.bool_]:
         """Return for points (n, 2) whether road was seen there, before anything that ends it."""
