@@ -58,8 +58,8 @@ def test_outline(n: int, columns: int) -> None:
     rng = np.random.default_rng(2)
     free_m, is_blocked = (part[:columns] for part in free_space(rng))
     sides_px = np.sort(rng.uniform(-40, 1240, (n, 2)))
-    range_m, long_m = rng.uniform(3, 40, n), rng.uniform(0, 4, n)
-    given = sides_px, range_m, long_m, velocities(rng, n), rng.random(n) < 0.2, 2 * n // 3
+    range_m, size_m = rng.uniform(3, 40, n), rng.uniform(0, 4, (n, 2))
+    given = sides_px, range_m, size_m, rng.normal(0, 8, (n, 2)), velocities(rng, n), rng.random(n) < 0.2, 2 * n // 3
     given = *given, GRID, free_m, is_blocked, TWIN, R
     results = [kernels.outline(*given) for kernels in (compiled, reference)]
     for found, expected in zip(*results, strict=True):

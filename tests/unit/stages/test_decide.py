@@ -556,9 +556,10 @@ def test_what_seems_to_cross_counts_if_it_would_even_a_sigma_slower(sigma_mps: f
     assert find_contact(straight_on(), crosser(10.0, -2.2), 8.0, 0.2, SETTINGS) is not None  # no time is left to learn
 
 
-def test_what_ends_beside_a_mover_is_it() -> None:
+@pytest.mark.parametrize(("motion", "age_s"), [("moving", 2.0), ("unknown", 0.3)])
+def test_what_ends_beside_what_moves_or_may_is_it(motion: str, age_s: float) -> None:
     """Its box is 6 px narrower than its columns: nothing stands there."""
-    layout, walker = Layout(TWIN, None), Thing(8.0, -1.0, 0.5, (0.0, 1.5), "moving")
+    layout, walker = Layout(TWIN, None), Thing(8.0, -1.0, 0.5, (0.0, 1.5), motion, age_s=age_s)
     o = obstacle(walker)
     narrow = replace(o, box_px=(o.box_px[0] + 6, 100, o.box_px[2] - 6, 250))
     faces, ends, _ = layout.faces([narrow], free_space([walker]))

@@ -92,16 +92,11 @@ def among(numbers: Integers, others: Integers) -> Flags:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _put(at_m: Floats, m: int, u_px: float, z_m: float, twin: Floats, R: Floats) -> None:
-    x = (u_px - twin[1]) / twin[0] * z_m - twin[3] / 2
-    at_m[m, 0], at_m[m, 1] = R[0, 0] * x + R[0, 1] * z_m, R[1, 0] * x + R[1, 1] * z_m
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
 def outline(
     sides_px: Floats,
     range_m: Floats,
-    long_m: Floats,
+    size_m: Floats,
+    feet_m: Floats,
     velocity_mps: Floats,
     is_new: Flags,
     tracked: int,
@@ -119,16 +114,15 @@ def outline(
         if is_blocked[c] and is_blocked[c + 1] and apart_m <= most_m:
             for one in (c, c + 1):
                 evidence[one] = ALONE if free_m[one] < ALONE_M else STANDS_THERE
-    wide_m = (sides_px[:, 1] - sides_px[:, 0]) / twin[0] * range_m
     most = 2
     off_m, nearest = np.full(columns, np.inf), np.full(columns, -1)
     near_m = np.maximum(BESIDE_SHARE * range_m, DEEP_M)
-    first_m, last_m = range_m - near_m, range_m + near_m + long_m
+    first_m, last_m = range_m - near_m, range_m + near_m + size_m[:, 1]
     for k in range(n):
-        most += columns + 2 + math.ceil(wide_m[k] / FACE_STEP_M)
+        most += columns + 2 + math.ceil(size_m[k, 0] / FACE_STEP_M)
         is_fast = math.hypot(velocity_mps[k, 0], velocity_mps[k, 1]) > SLOW_MPS
         leaves = not (is_fast or is_new[k])
-        edge_px = max(EDGE_PX, EDGE_M * twin[0] / range_m[k]) if is_fast else 0.0
+        edge_px = 0.0 if leaves else max(EDGE_PX, EDGE_M * twin[0] / range_m[k])
         first = max(0, math.ceil((sides_px[k, 0] - edge_px - grid[0]) / grid[1]))
         last = min(columns, math.ceil((sides_px[k, 1] + edge_px - grid[0]) / grid[1]))
         for c in range(first, last):
@@ -155,14 +149,21 @@ def outline(
             shared += 1
             if nearest[c] != k:
                 continue
-            _put(at_m, m, grid[0] + grid[1] * c, max(free_m[c], range_m[k]), twin, R)
+            z = max(free_m[c], range_m[k])
+            x = (grid[0] + grid[1] * c - twin[1]) / twin[0] * z - twin[3] / 2
+            at_m[m, 0], at_m[m, 1] = R[0, 0] * x + R[0, 1] * z, R[1, 0] * x + R[1, 1] * z
             m += 1
         if shared < 2:
-            count = max(2, math.ceil(wide_m[k] / FACE_STEP_M) + 1)
+            x0, x1 = (sides_px[k] - twin[1]) / twin[0] * range_m[k] - twin[3] / 2
+            y0, y1 = R[1, 0] * x0 + R[1, 1] * range_m[k], R[1, 0] * x1 + R[1, 1] * range_m[k]
+            low = max(min(y0, y1), feet_m[k, 1] - size_m[k, 0] / 2)
+            high = min(max(y0, y1), feet_m[k, 1] + size_m[k, 0] / 2)
+            if low > high:
+                low = high = feet_m[k, 1]
+            count = max(2, math.ceil((high - low) / FACE_STEP_M) + 1)
             m = begin + count
-            step_px = (sides_px[k, 1] - sides_px[k, 0]) / (count - 1)
             for i in range(count):
-                _put(at_m, begin + i, sides_px[k, 0] + i * step_px, range_m[k], twin, R)
+                at_m[begin + i, 0], at_m[begin + i, 1] = feet_m[k, 0], low + (high - low) * i / (count - 1)
         owner[begin:m] = k
     return at_m[:m], owner[:m], evidence
 

@@ -17,7 +17,7 @@ FACE_STEP_M = 0.3
 BESIDE_SHARE, DEEP_M = 0.15, 0.6
 """A column of free space that ends so near to an obstacle, whichever is more, ends there because of it."""
 EDGE_PX, EDGE_M = 8.0, 0.3
-"""So far beside the box of what moves its columns may end, whichever is more: no trace of it stands there."""
+"""So far beside the box of what moves, or may, its columns end, whichever is more: no trace of it stands there."""
 NEIGHBOUR_SHARE = 0.1
 """Columns that end alone, by so much of their range, say nothing."""
 COLUMN_SIGMA_PX = 0.25
@@ -113,7 +113,8 @@ def place(u_px: Floats, z_m: Floats, twin: Floats, R: Floats) -> Floats:
 def outline(
     sides_px: Floats,
     range_m: Floats,
-    long_m: Floats,
+    size_m: Floats,
+    feet_m: Floats,
     velocity_mps: Floats,
     is_new: Flags,
     tracked: int,
@@ -125,14 +126,14 @@ def outline(
 ) -> tuple[Floats, Integers, Integers]:
     """Return points (m, 2) along the faces of things, (m,) of which, and (c,) evidence that columns end at what stands.
 
-    Its columns tell how a side runs, its range how near it comes; without any that end there, what its box is wide. A
-    column is of the thing to whose range it ends nearest, and not before that; whose columns are all of others is
-    behind them.
+    Its columns tell how a side runs, its range how near it comes; without any that end there it is where both its box
+    (which may be that of its far end) and its width (if it is long, too large) have it. A column is of the thing to
+    whose range it ends nearest, and not before that; whose columns are all of others is behind them.
 
     Parameters
     ----------
-    sides_px, range_m, long_m, velocity_mps
-        (n, 2) first and last column; (n,); (n,) 0 where it is unknown; (n, 2).
+    sides_px, range_m, size_m, feet_m, velocity_mps
+        (n, 2) first and last column; (n,); (n, 2) width and length; (n, 2) middle of the foot; (n, 2).
     is_new, tracked
         (n,) what may turn out to move: like what moves, it leaves no traces. Only the first ones have faces.
     grid, free_m, is_blocked
@@ -148,12 +149,12 @@ def outline(
     off_m = np.full((len(range_m) + 1, len(u)), np.inf)  # how far a column ends from a thing's range; no thing at last
     for k in range(len(range_m)):
         near_m, is_fast = max(BESIDE_SHARE * range_m[k], DEEP_M), np.hypot(*velocity_mps[k]) > SLOW_MPS
-        edge_px = max(EDGE_PX, EDGE_M * twin[0] / range_m[k]) if is_fast else 0.0
         leaves = not (is_fast or is_new[k])
+        edge_px = 0.0 if leaves else max(EDGE_PX, EDGE_M * twin[0] / range_m[k])
         with np.errstate(invalid="ignore"):
             beside = (u >= sides_px[k, 0] - edge_px) & (u < sides_px[k, 1] + edge_px)
             runs_on = beside & is_blocked & (free_m >= range_m[k] - near_m)
-            mine = runs_on & (free_m <= range_m[k] + near_m + long_m[k])
+            mine = runs_on & (free_m <= range_m[k] + near_m + size_m[k, 1])
             off_m[k] = np.where(mine, np.abs(free_m - range_m[k]), np.inf)
         evidence[ends & runs_on & leaves] = STANDS_THERE
         leaves_none |= np.isfinite(off_m[k]) & (not leaves)
@@ -166,9 +167,13 @@ def outline(
         if shared.sum() > 1:
             at_m = place(u[mine], np.maximum(free_m[mine], range_m[k]), twin, R)
         else:
-            wide_m = (sides_px[k, 1] - sides_px[k, 0]) / twin[0] * range_m[k]
-            count = max(2, int(np.ceil(wide_m / FACE_STEP_M)) + 1)
-            at_m = place(np.linspace(sides_px[k, 0], sides_px[k, 1], count), np.full(count, range_m[k]), twin, R)
+            sides_m = place(sides_px[k], np.full(2, range_m[k]), twin, R)[:, 1]
+            low = max(sides_m.min(), feet_m[k, 1] - size_m[k, 0] / 2)
+            high = min(sides_m.max(), feet_m[k, 1] + size_m[k, 0] / 2)
+            if low > high:
+                low = high = feet_m[k, 1]
+            count = max(2, int(np.ceil((high - low) / FACE_STEP_M)) + 1)
+            at_m = np.stack([np.full(count, feet_m[k, 0]), np.linspace(low, high, count)], 1)
         points.append(at_m)
         owners.append(np.full(len(at_m), k))
     return np.concatenate(points), np.concatenate(owners), evidence

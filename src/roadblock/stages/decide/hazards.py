@@ -30,6 +30,7 @@ BORDER_SHARE = 0.04
 BESIDE = np.array([[-2, -1], [0, 1]])
 """Nor if one of these columns beside it, from the first one behind each of its ends, ends at something nearer."""
 _VELOCITY, _COV = attrgetter("velocity_mps"), attrgetter("velocity_cov_m2ps2")
+_SIZE, _POSITION = attrgetter("size_m"), attrgetter("position_m")
 TOLD = {"moving": MOVES, "standing": STANDS, "unknown": UNTOLD}
 
 
@@ -141,14 +142,15 @@ class Layout:
         sure = has_velocity & (motion == MOVES) & ((is_mover > 0) | (seen_s >= SETTLED_S))
         velocity, cov = (_table([part(t) for _, t in seen], n, len(rows)) for part, n in ((_VELOCITY, 2), (_COV, 4)))
         everything = [*(o for o, _ in seen), *new]
-        long_m = np.array([o.size_m[2] for o in everything], float)
+        size_m, foot_m = (_table([part(o) for o in everything], 3, len(rows)) for part in (_SIZE, _POSITION))
         speeds, sigmas, doubt, likely = weigh(
             velocity, cov.reshape(-1, 2, 2), motion.astype(np.int64), seen_s, has_velocity, is_mover > 0
         )
         at_m, owner, evidence = outline(
             told[:, 7:],
             range_m,
-            np.where(long_m > 0, long_m, 0.0),  # unknown lengths are NaN
+            np.where(size_m > 0, size_m, 0.0)[:, ::2],  # unknown lengths are NaN
+            foot_m[:, :2] - self.origin_m,
             speeds,
             (doubt > 0) & (seen_s < YOUNG_S),
             len(seen),
