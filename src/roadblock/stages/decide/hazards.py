@@ -14,7 +14,6 @@ from roadblock.kernels.reference.decide import (
     BESIDE_SHARE,
     DEEP_M,
     MOVES,
-    SETTLED_S,
     SLOW_MPS,
     STANDS,
     UNTOLD,
@@ -139,7 +138,6 @@ class Layout:
         told = np.fromiter(chain.from_iterable(rows), float, 9 * len(rows)).reshape(-1, 9)
         number, seen_s, motion, over_ground, is_mover, range_m, sigma_m = told[:, :7].T
         has_velocity = (over_ground > 0) & ((is_mover > 0) | self._is_whole(told[:, 7:], range_m, free))
-        sure = has_velocity & (motion == MOVES) & ((is_mover > 0) | (seen_s >= SETTLED_S))
         velocity, cov = (_table([part(t) for _, t in seen], n, len(rows)) for part, n in ((_VELOCITY, 2), (_COV, 4)))
         everything = [*(o for o, _ in seen), *new]
         size_m, foot_m = (_table([part(o) for o in everything], 3, len(rows)) for part in (_SIZE, _POSITION))
@@ -160,10 +158,10 @@ class Layout:
             self.rectification.numbers,
             self.R_road,
         )
-        numbers = number.astype(np.int64)
+        numbers, is_sure = number.astype(np.int64), (motion == MOVES) & (doubt == 0)
         sigma_m, sigmas, doubt, likely = sigma_m[owner], sigmas[owner], doubt[owner], likely[owner]
         faces = Hazards(at_m, speeds[owner], sigma_m, sigmas, numbers[owner], doubt, likely)
-        return faces, evidence, numbers[sure]
+        return faces, evidence, numbers[is_sure]
 
     def _is_whole(self, sides_px: FloatArray, range_m: FloatArray, free: FreeSpace) -> NDArray[np.bool_]:
         """Return (n,) whether neither the picture's side nor something nearer cuts things; sides as in `outline`."""
