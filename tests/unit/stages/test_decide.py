@@ -703,6 +703,30 @@ def test_what_may_stand_comes_no_faster_than_people_do(towards_mps: float, comes
     assert set(known.velocity_mps[:, 0]) == {towards_mps}
 
 
+@pytest.mark.parametrize(("shared", "aside_mps"), [(1.0, 0.0), (0.0, 2.0)])
+def test_what_comes_no_faster_is_not_carried_aside_either(shared: float, aside_mps: float) -> None:
+    """If only its distance seems to change, all of its velocity leads along the view; else it really goes aside."""
+    thing = Thing(10.0, -3.0, v=(-6.0, 2.0), motion="unknown")
+    seen = obstacle(thing)
+    cov = np.array([[4.0, -4.0 / 3 * shared], [-4.0 / 3 * shared, 0.5]])
+    seen = replace(seen, track=replace(seen.track, velocity_cov_m2ps2=cov))
+    faces, *_ = Layout(TWIN, None).faces([seen], free_space([thing]))
+    np.testing.assert_allclose(faces.likely_mps, aside_mps, atol=1e-9)
+
+
+@pytest.mark.parametrize("is_bend", [True, False])
+def test_no_swerve_begins_before_a_road_that_bends(is_bend: bool) -> None:
+    """A rail along the right leads across the way ahead: the car is to turn. It is not if that part stands alone."""
+    rail = [Thing(x, -4.0 + 4.0 * max(0.0, (x - 12) / 12) ** 2, 0.4) for x in np.arange(3.0, 34.0, 0.25)]
+    decider, actions = Decider(TWIN), []
+    for k in range(8):
+        gone_m, t_ns = SPEED * FRAME_S * k, START_NS + round(1e9 * FRAME_S * k)
+        ahead = [replace(t, x=t.x - gone_m) for t in rail if t.x > gone_m + 1.5 and (is_bend or t.y > -2.0)]
+        whole = replace(obstacle(Thing(20.0 - gone_m, 0.0, 1.6)), box_px=(0, 100, 1240, 250))
+        actions.append(decider.decide([whole], free_space(ahead), step(t_ns), t_ns, ROAD).action)
+    assert ("swerve" in actions) != is_bend
+
+
 def test_what_ends_no_columns_is_as_wide_as_its_box() -> None:
     """A wall along the road whose near end was measured: its width, all that is known of it, leads into the road."""
     wall = obstacle(Thing(20.0, -6.0, 4.0))

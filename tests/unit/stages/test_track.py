@@ -16,6 +16,7 @@ RECTIFICATION = Rectification(705.0, 601.0, 171.0, 0.52, (1240, 374))
 MOUNT = pose(R_VEHICLE_CAR @ rotation_from_rotvec([0.03, -0.02, 0.01]), [1.7, 0.1, 1.4])
 SIGMA_PX = np.array([2.0, 2.0, 0.12])
 STEP_NS = 100_000_000
+RNG = np.random.default_rng
 START_NS = 5 * 10**18
 
 
@@ -514,6 +515,54 @@ def test_what_moves_leaves_its_place(what: str, u_px: float, near_m: float, is_b
             assert track.velocity_sigma_mps[0] > 7
     else:
         assert found.track.velocity_mps[0] == pytest.approx(8, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("odds", "moves"),
+    [
+        ({}, True),
+        ({"person": 0.6, "railing": 0.4}, True),
+        ({"railing": 0.45, "fork": 0.25, "person": 0.3}, False),
+        ({"tram": 1.0}, True),
+    ],
+)
+def test_what_stands_by_nature_does_not_move(odds: dict[str, float], moves: bool) -> None:
+    """Pieces of a rail seem to move along it."""
+    world = World([Thing((30.0, -2.0), (-3.0, 0.5))])
+    frames = drive(world, np.arange(12) / 10, seen=lambda t: [replace(o, class_odds=odds) for o in world.seen(t)])
+    track = frames[-1][1][0].track
+    assert track.motion == ("moving" if moves else "unknown")
+    assert (abs(track.velocity_mps[0]) > 1) == moves
+    assert moves or track.velocity_sigma_mps[0] > 2
+
+
+def test_one_odd_look_does_not_stop_who_moves() -> None:
+    world = World([Thing((30.0, -2.0), (-3.0, 0.5))])
+
+    def seen(t_s: float) -> list[Obstacle]:
+        return [replace(o, class_odds={"pole" if round(10 * t_s) % 4 == 3 else "person": 1.0}) for o in world.seen(t_s)]
+
+    motions = [found[0].track.motion for _, found in drive(world, np.arange(16) / 10, seen=seen)[8:]]
+    assert set(motions) == {"moving"}
+
+
+def test_features_of_what_is_behind_a_pole_do_not_make_it_fast() -> None:
+    """Four of six, followed from the wall behind it onto its edge, seem to come at 36 m/s."""
+    world, tracker, rng = World([Thing((24.0, -4.0), size=(0.3, 3.0))]), Tracker(RECTIFICATION, MOUNT), RNG(4)
+    R = inverse(MOUNT)[:3, :3]
+    for t_s in np.arange(14) / 10:
+        (pole,), ego = world.seen(t_s), world.ego(t_s - 0.1, t_s) if t_s else None
+        if ego is not None:
+            u0, v0, u1, v1 = pole.box_px
+            spread = rng.uniform([u0, v0, 0.95], [u1, v0 + 0.6 * (v1 - v0), 1.0], (6, 3)) * [1, 1, pole.uvd_px[2]]
+            flow = flow_of(np.zeros(3), spread, 0.1, rng)
+            if t_s >= 1.0:
+                before = triangulate(RECTIFICATION, spread[:4]) - R @ [-36.0, 0.0, 0.0] * 0.1
+                flow.off_px[:4] += spread[:4] - image_from_car(RECTIFICATION, before)
+            ego = replace(ego, flow=flow)
+        (found,) = tracker.update([pole], ns(t_s), ego)
+    assert np.hypot(*found.track.velocity_mps) < 1.0
+    assert found.track.motion == "standing"
 
 
 def test_a_narrow_box_may_be_twice_as_wide() -> None:

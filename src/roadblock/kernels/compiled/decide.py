@@ -41,6 +41,7 @@ from roadblock.kernels.reference.decide import (
     STANDS,
     STANDS_THERE,
     SURE,
+    TINY,
     TOWARDS_MPS,
     WARY_M,
     YOUNG_DOUBT,
@@ -67,15 +68,16 @@ def weigh(
         hardly = has_velocity[k] and age_s[k] >= HARDLY_S and ahead < HARDLY_MPS and aside < HARDLY_ASIDE_MPS
         if not known:
             doubt[k] = HARDLY_DOUBT if hardly else SETTLED_DOUBT if age_s[k] >= YOUNG_S else YOUNG_DOUBT
-        for i in range(2):
-            if counts and abs(velocity_mps[k, i]) > 2 * sigma[k, i]:
-                speed[k, i] = velocity_mps[k, i]
-            if not has_velocity[k]:
-                sigma[k, i] = 0.0
-        if not known and speed[k, 0] < TOWARDS_MPS:
-            speed[k, 0] = 0.0
+        v0, v1 = velocity_mps[k, 0], velocity_mps[k, 1]
+        if not known and v0 < TOWARDS_MPS:
+            v0, v1 = 0.0, v1 - cov_m2ps2[k, 0, 1] / max(cov_m2ps2[k, 0, 0], TINY) * v0
         if has_velocity[k] and motion[k] != STANDS and age_s[k] >= HARDLY_S:
-            likely[k] = velocity_mps[k, 1] if is_mover[k] or abs(velocity_mps[k, 1]) > sigma[k, 1] else 0.0
+            likely[k] = v1 if is_mover[k] or abs(v1) > sigma[k, 1] else 0.0
+        if counts:
+            speed[k, 0] = v0 if abs(v0) > 2 * sigma[k, 0] else 0.0
+            speed[k, 1] = v1 if abs(v1) > 2 * sigma[k, 1] else 0.0
+        if not has_velocity[k]:
+            sigma[k, :] = 0.0
     return speed, sigma, doubt, likely
 
 

@@ -18,6 +18,8 @@ from roadblock.kernels.reference.track import (
     DEPTH_M,
     EDGE_PX,
     FAR,
+    FAST_MPS,
+    FAST_SHARE,
     FLOOR_MPS,
     LEAST,
     LEAST_SHARE,
@@ -354,7 +356,8 @@ def feel(
         for i in range(2):
             for j in range(2):
                 cov[o, i, j] += step_mps * T_car_vehicle[2, i] * step_mps * T_car_vehicle[2, j]
-        known[o] = counted >= LEAST and counted >= LEAST_SHARE * m
+        share = FAST_SHARE if vx * vx + vy * vy > FAST_MPS**2 else LEAST_SHARE
+        known[o] = counted >= LEAST and counted >= share * m
     return v_mps, cov, known
 
 

@@ -36,6 +36,7 @@ HARDLY_DOUBT, HARDLY_S, HARDLY_MPS, HARDLY_ASIDE_MPS = 0.1, 0.3, 3.0, 1.0
 """From this age on there is little doubt about what is not faster than this, forwards and across, two sigmas up."""
 TOWARDS_MPS = -3.0
 """What is in doubt and seems to come faster stands: a piece of something, now larger, now smaller, looks like that."""
+TINY = 1e-12
 CELL_M = 0.2
 STANDS_THERE, ALONE, AGAINST = 2, 1, 2
 """Evidence for a cell, of one frame: a column that ends there, one that does so alone, free road behind it."""
@@ -86,11 +87,15 @@ def weigh(
     hardly = (ahead + 2 * sigma[:, 0] < HARDLY_MPS) & (aside + 2 * sigma[:, 1] < HARDLY_ASIDE_MPS)
     hardly &= has_velocity & (age_s >= HARDLY_S)
     waits = np.where(hardly, HARDLY_DOUBT, np.where(age_s >= YOUNG_S, SETTLED_DOUBT, YOUNG_DOUBT))
+    # If it does not come that fast, what its distance seems to change does not carry it aside either.
+    nears = ~known & (ahead < TOWARDS_MPS)
+    slope = cov_m2ps2[:, 0, 1] / np.maximum(cov_m2ps2[:, 0, 0], TINY)
+    standing_mps = np.stack([np.zeros(len(ahead)), velocity_mps[:, 1] - slope * ahead], 1)
+    velocity_mps = np.where(nears[:, None], standing_mps, velocity_mps)
     sure = counts[:, None] & (np.abs(velocity_mps) > 2 * sigma)
     likely = has_velocity & (motion != STANDS) & (age_s >= HARDLY_S)
-    likely &= is_mover | (aside > sigma[:, 1])
+    likely &= is_mover | (np.abs(velocity_mps[:, 1]) > sigma[:, 1])
     speed = np.where(sure, velocity_mps, 0.0)
-    speed[~known & (speed[:, 0] < TOWARDS_MPS), 0] = 0.0
     return (
         speed,
         np.where(has_velocity[:, None], sigma, 0.0),

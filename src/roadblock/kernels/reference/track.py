@@ -36,6 +36,8 @@ CAUCHY, ROUNDS = 3.0, 4
 """Residuals of this many sigmas count half; so often they are weighed."""
 LEAST, LEAST_SHARE = 2.0, 0.5
 """Features, as they count, that say a velocity, and how many of those on the obstacle."""
+FAST_MPS, FAST_SHARE = 10.0, 0.8
+"""What they say to be faster than this, so many must say: features of what is behind a thing stick to its edge."""
 FLOOR_MPS, STEP_PX = 0.05, 0.03
 """Standard deviation that no number of features goes below: of the velocity, and of a step's change in disparity."""
 BIAS_PX = 0.2
@@ -298,7 +300,8 @@ def feel(
     counted = trust.sum(1)
     ahead_mps = (STEP_PX / dt_s * range_m**2 / (f * baseline_m))[:, None] * T_car_vehicle[2, :2]
     cov = np.linalg.inv(normal) + FLOOR_MPS**2 * np.eye(2) + ahead_mps[:, :, None] * ahead_mps[:, None, :]
-    return v_mps, cov, (counted >= LEAST) & (counted >= LEAST_SHARE * inside.sum(1))
+    share = np.where(np.hypot(*v_mps.T) > FAST_MPS, FAST_SHARE, LEAST_SHARE)
+    return v_mps, cov, (counted >= LEAST) & (counted >= share * inside.sum(1))
 
 
 def correct_velocity(

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roadblock.kernels.compiled.decide import among, swept
-from roadblock.kernels.reference.decide import CELL_M, STANDS_THERE
+from roadblock.kernels.reference.decide import CELL_M, LEAST_ROOM_M, STANDS_THERE
 from roadblock.stages.decide.contact import Contact, find_contact
 from roadblock.stages.decide.hazards import Hazards, Layout
 from roadblock.stages.decide.memory import Memory, OwnMotion, turned
@@ -64,6 +64,8 @@ SAME_S, SAME_SHARE = 0.7, 0.3
 """Contacts of frames that follow each other that are further apart, whichever is more, are not one."""
 SAME_M = 1.0
 """What is remembered so near to a track belongs to it."""
+BEND_S = 0.3
+"""So long what bounds the road ahead is taken to go on doing so."""
 STRAIGHT_RADPS = 0.12
 """A road that turns the car faster bends too much to plan a way aside."""
 
@@ -97,7 +99,7 @@ class Decider:
         self._movers, self._seen_ns = Hazards.of(np.zeros((0, 2))), np.zeros(0, np.int64)  # remembered, and when seen
         self._last = Decision("none", "nothing was seen yet")
         self._recent: list[float] = []  # after how long there would be a contact, NaN = none for sure
-        self._brakes, self._until_ns, self._yields_ns = False, 0, 0
+        self._brakes, self._until_ns, self._yields_ns, self._bends_ns = False, 0, 0, 0
         self._way: Ways | None = None
         self._begun_m, self._line_m = np.zeros(2), 0.0  # where the way begins, and the driver's line, left of 0
         self._blocked = 0
@@ -220,8 +222,14 @@ class Decider:
         told, number = _told(found, hazards)
         same = (abs(t - found.ttc_s) < max(SAME_S, SAME_SHARE * max(t, found.ttc_s)) for t in self._recent)
         confirmed = found.is_sure and sum(same) >= s.confirm
-        urgent = found.needed_mps2 >= s.brake_share * s.brake_mps2
-        if confirmed and (found.ttc_s < s.swerve_s or self._brakes) and self._can_pass(hazards, found.at):
+        # What bounds a road that bends is not in the way: the car will turn, or brake, while there is room, for that.
+        if found.ttc_s < s.warn_s + BEND_S and self._layout.is_in_bend(hazards.at_m[found.at], free):
+            self._bends_ns = t_ns + round(1e9 * BEND_S)
+        bends = t_ns <= self._bends_ns
+        early = found.ttc_s < s.swerve_s and not bends
+        needed_mps2 = self._stopping_mps2(found.ttc_s) if bends else found.needed_mps2
+        urgent = needed_mps2 >= s.brake_share * s.brake_mps2
+        if confirmed and (early or self._brakes) and self._can_pass(hazards, found.at):
             way = self._way_round(self._in_road(hazards), free, hazards.at_m[found.at, 0] + BEHIND_M)
             if way is not None:
                 self._begin(way)
@@ -239,6 +247,11 @@ class Decider:
             doubt = "" if confirmed else "; not sure enough to act"
             return Decision("warn", told + doubt, found.ttc_s, found.sigma_s, obstacle_id=number)
         return Decision("none", told, found.ttc_s, found.sigma_s, obstacle_id=number)
+
+    def _stopping_mps2(self, ttc_s: float) -> float:
+        """Return how hard to brake to come as near as may be to what stands."""
+        speed_mps = self._own.speed_mps
+        return speed_mps**2 / (2 * max((ttc_s - self.settings.delay_s) * speed_mps - LEAST_ROOM_M, 1e-3))
 
     def _can_pass(self, hazards: Hazards, index: int) -> bool:
         """Return whether what is in the way stands, or goes along before the car, for sure, on a straight road."""

@@ -28,6 +28,9 @@ BORDER_SHARE = 0.04
 """So near to the picture's side, by its width, nothing has a velocity that had none before: ends of walls go along."""
 BESIDE = np.array([[-2, -1], [0, 1]])
 """Nor if one of these columns beside it, from the first one behind each of its ends, ends at something nearer."""
+JOINED_SHARE, GAP, ALONG_SHARE = 0.15, 3, 0.5
+"""Columns that follow each other, but for a gap of less than so many, end at one boundary if their ranges differ by
+less than the first; it comes along the road if its near end is nearer than the last share of its far end."""
 _VELOCITY, _COV = attrgetter("velocity_mps"), attrgetter("velocity_cov_m2ps2")
 _SIZE, _POSITION = attrgetter("size_m"), attrgetter("position_m")
 TOLD = {"moving": MOVES, "standing": STANDS, "unknown": UNTOLD}
@@ -174,6 +177,23 @@ class Layout:
             column_m = np.where(free.ends, free.range_m, np.inf).take(columns, mode="clip")
             whole &= (column_m >= before_m[:, None, None]).all((1, 2))
         return np.asarray(whole)
+
+    def is_in_bend(self, at_m: FloatArray, free: FreeSpace) -> bool:
+        """Return whether what stands at a point (2,) bounds the road from further back: the road bends before it."""
+        (column,), (there_m,) = self.columns(at_m[None], free)
+        if column < 0:
+            return False
+        range_m = np.where(free.ends, free.range_m, np.inf)
+        for side_m in (range_m[column:].tolist(), range_m[column::-1].tolist()):
+            last_m, missed = there_m, 0
+            for next_m in side_m:
+                joined = abs(next_m - last_m) < JOINED_SHARE * last_m
+                last_m, missed = (next_m, 0) if joined else (last_m, missed + 1)
+                if missed == GAP or last_m < ALONG_SHARE * there_m:
+                    break
+            if last_m < ALONG_SHARE * there_m:
+                return True
+        return False
 
     def is_seen_free(self, at_m: FloatArray, free: FreeSpace) -> NDArray[np.bool_]:
         """Return for points (n, 2) whether road was seen there, before anything that ends it."""

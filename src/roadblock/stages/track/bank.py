@@ -10,12 +10,17 @@ from numpy.typing import NDArray
 
 from roadblock.kernels.compiled.track import roughen
 from roadblock.values.checks import FloatArray
+from roadblock.values.motion import FIXED
 from roadblock.values.scene import Obstacle
 
 KEPT = 10
 """Frames that are remembered."""
 LEAST_M = np.array([0.05, 0.05, 0.0])
 """Widths, heights and lengths are at least this, unknown ones too."""
+NONE = (0.0,) * len(FIXED)
+"""What types have that are not among those known."""
+FIXED_SHARE = 0.3
+"""How fast a track learns whether it is of a type that stands by nature."""
 
 
 class Seen(NamedTuple):
@@ -35,6 +40,8 @@ class Seen(NamedTuple):
         (m, 3) the foot points.
     range_m, long_m
         (m,) how far and how long; 0 where the length is unknown.
+    fixed
+        (m,) how probable it is of a type that stands by nature; 0 where no type is known.
     """
 
     obstacles: NDArray[Any]
@@ -45,6 +52,7 @@ class Seen(NamedTuple):
     foot: FloatArray
     range_m: FloatArray
     long_m: FloatArray
+    fixed: FloatArray
 
     def chosen(self, which: NDArray[np.intp]) -> "Seen":
         """Return some rows."""
@@ -63,7 +71,8 @@ def see(obstacles: Sequence[Obstacle], log_noise: FloatArray, twin: FloatArray) 
     foot = _rows([o.position_m for o in obstacles], 3)
     range_m = np.array([o.range_m for o in obstacles], float)
     noise_px2 = roughen(cov_px2, uvd, boxes, log_noise, twin)
-    return Seen(objects, uvd, noise_px2, boxes, np.log(size_m[:, :2]), foot, range_m, size_m[:, 2])
+    fixed = np.array([sum(map(o.class_odds.get, FIXED, NONE)) for o in obstacles], float)
+    return Seen(objects, uvd, noise_px2, boxes, np.log(size_m[:, :2]), foot, range_m, size_m[:, 2], fixed)
 
 
 def _rows(arrays: list[FloatArray], width: int) -> FloatArray:
@@ -111,6 +120,8 @@ class Bank:
         (n,) the `Obstacle` of the latest measurement.
     uvd, boxes, range_m, long_m
         (n, 3), (n, 4), (n,) and (n,) of the latest measurement, as in `Seen`.
+    fixed
+        (n,) as in `Seen`, smoothed.
     """
 
     x: FloatArray
@@ -133,6 +144,7 @@ class Bank:
     boxes: FloatArray
     range_m: FloatArray
     long_m: FloatArray
+    fixed: FloatArray
 
     @classmethod
     def born(cls, x: FloatArray, P: FloatArray, t_ns: int, seen: Seen) -> Self:
@@ -155,6 +167,7 @@ class Bank:
             seen.boxes,
             seen.range_m,
             seen.long_m,
+            seen.fixed,
         )
 
     def __len__(self) -> int:
@@ -173,6 +186,7 @@ class Bank:
             seen.long_m,
             seen.foot - self.x[rows, :3],
         )
+        self.fixed[rows] += FIXED_SHARE * (seen.fixed - self.fixed[rows])
 
     def chosen(self, which: NDArray[Any]) -> Self:
         """Return some rows."""

@@ -21,6 +21,8 @@ SLOW_MPS, MOST_MPS = 0.7, 1.0
 WELL_KNOWN = 4
 """What was measured less often, neither moves nor stands, nor coasts: two pieces of one thing may look like a fast one.
 """
+FIXED_BY_NATURE = 0.5
+"""What is more probably of a type that stands, does not move."""
 MOVED_S = 0.5
 """Who has left where he was is believed to move for so long."""
 
@@ -43,8 +45,9 @@ def describe(
         unknown and velocities are relative.
     """
     x, P = bank.x.take(rows, axis=0), bank.P.take(rows, axis=0)
-    # What slid has the velocity of its outline, which is not its own: it may as well stand.
-    slid = np.flatnonzero(bank.slid[rows])
+    # What slid has the velocity of its outline, which is not its own, and pieces of rails and trees seem to move along
+    # them: both may as well stand.
+    slid = np.flatnonzero(bank.slid[rows] | (bank.fixed[rows] > FIXED_BY_NATURE))
     if len(slid):
         v = x[slid, 3:]
         P[slid, 3:, 3:] += v[:, :, None] * v[:, None, :]
