@@ -567,6 +567,15 @@ def test_what_ends_beside_what_moves_or_may_is_it(motion: str, age_s: float) -> 
     assert not ends.any()
 
 
+@pytest.mark.parametrize(("width", "is_hidden"), [(16.0, True), (1.5, False)])
+def test_beside_a_mover_no_column_is_of_a_wall(width: float, is_hidden: bool) -> None:
+    """A house along the road, in its box up to a cyclist, whose edge ends nearer to the house's range than to his."""
+    cyclist, edge = Thing(19.0, 0.3, 0.7, motion="moving", v=(3.0, 0.0)), Thing(21.0, -0.15, 0.2)
+    house = replace(obstacle(Thing(21.6, -width / 2, width, id=4)), range_m=21.6)
+    faces, *_ = Layout(TWIN, None).faces([obstacle(cyclist), house], free_space([edge, cyclist]))
+    assert (4 not in faces.number) == is_hidden
+
+
 def test_near_by_more_beside_a_mover_is_it() -> None:
     walker, limb = Thing(3.0, 0.0, 0.5, v=(0.0, 1.2), motion="moving"), Thing(3.5, -0.35, 0.18)
     _, ends, _ = Layout(TWIN, None).faces([obstacle(walker)], free_space([walker, limb]), {3})

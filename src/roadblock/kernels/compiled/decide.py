@@ -44,6 +44,7 @@ from roadblock.kernels.reference.decide import (
     TINY,
     TOWARDS_MPS,
     WARY_M,
+    WIDE_M,
     YOUNG_DOUBT,
     YOUNG_S,
     Flags,
@@ -117,13 +118,15 @@ def outline(
             for one in (c, c + 1):
                 evidence[one] = ALONE if free_m[one] < ALONE_M else STANDS_THERE
     most = 2
-    off_m, nearest = np.full(columns, np.inf), np.full(columns, -1)
+    # Of all things, and of those that are no walls.
+    off_m, nearest = np.full((2, columns), np.inf), np.full((2, columns), -1)
     near_m = np.maximum(BESIDE_SHARE * range_m, DEEP_M)
     first_m, last_m = range_m - near_m, range_m + near_m + size_m[:, 1]
     for k in range(n):
         most += columns + 2 + math.ceil(size_m[k, 0] / FACE_STEP_M)
         is_fast = math.hypot(velocity_mps[k, 0], velocity_mps[k, 1]) > SLOW_MPS
         leaves = not (is_fast or is_new[k])
+        is_wall = leaves and size_m[k, 0] > WIDE_M
         edge_px = 0.0 if leaves else max(EDGE_PX, EDGE_M * twin[0] / range_m[k])
         first = max(0, math.ceil((sides_px[k, 0] - edge_px - grid[0]) / grid[1]))
         last = min(columns, math.ceil((sides_px[k, 1] + edge_px - grid[0]) / grid[1]))
@@ -137,8 +140,9 @@ def outline(
             if not leaves:
                 leaves_none[c] = True
             off = abs(free_m[c] - range_m[k])
-            if off < off_m[c]:
-                off_m[c], nearest[c] = off, k
+            for i in range(1 if is_wall else 2):
+                if off < off_m[i, c]:
+                    off_m[i, c], nearest[i, c] = off, k
     evidence[leaves_none] = 0
     at_m, owner, m = np.empty((most, 2)), np.empty(most, np.int64), 0
     for k in range(tracked):
@@ -149,7 +153,7 @@ def outline(
             if not (is_blocked[c] and first_m[k] <= free_m[c] <= last_m[k]):
                 continue
             shared += 1
-            if nearest[c] != k:
+            if nearest[1 if leaves_none[c] else 0, c] != k:
                 continue
             z = max(free_m[c], range_m[k])
             x = (grid[0] + grid[1] * c - twin[1]) / twin[0] * z - twin[3] / 2

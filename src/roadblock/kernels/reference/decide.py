@@ -18,6 +18,8 @@ BESIDE_SHARE, DEEP_M = 0.15, 0.6
 """A column of free space that ends so near to an obstacle, whichever is more, ends there because of it."""
 EDGE_PX, EDGE_M = 8.0, 0.3
 """So far beside the box of what moves, or may, its columns end, whichever is more: no trace of it stands there."""
+WIDE_M = 3.0
+"""What is wider has no column there that may be one of what moves."""
 NEIGHBOUR_SHARE = 0.1
 """Columns that end alone, by so much of their range, say nothing."""
 COLUMN_SIGMA_PX = 0.25
@@ -133,7 +135,8 @@ def outline(
 
     Its columns tell how a side runs, its range how near it comes; without any that end there it is where both its box
     (which may be that of its far end) and its width (if it is long, too large) have it. A column is of the thing to
-    whose range it ends nearest, and not before that; whose columns are all of others is behind them.
+    whose range it ends nearest, and not before that; whose columns are all of others is behind them. Beside what moves,
+    or may, none is of something wide that stands: its range is that of its nearest end, wherever that is.
 
     Parameters
     ----------
@@ -150,7 +153,7 @@ def outline(
     near &= is_blocked[1:] & is_blocked[:-1]
     ends = np.append(near, False) | np.insert(near, 0, False) if len(u) else is_blocked.copy()
     evidence = np.where(ends, np.where(free_m < ALONE_M, ALONE, STANDS_THERE), 0)
-    leaves_none = np.zeros(len(u), np.bool_)
+    leaves_none, is_wall = np.zeros(len(u), np.bool_), np.zeros(len(range_m) + 1, np.bool_)
     off_m = np.full((len(range_m) + 1, len(u)), np.inf)  # how far a column ends from a thing's range; no thing at last
     for k in range(len(range_m)):
         near_m, is_fast = max(BESIDE_SHARE * range_m[k], DEEP_M), np.hypot(*velocity_mps[k]) > SLOW_MPS
@@ -163,8 +166,9 @@ def outline(
             off_m[k] = np.where(mine, np.abs(free_m - range_m[k]), np.inf)
         evidence[ends & runs_on & leaves] = STANDS_THERE
         leaves_none |= np.isfinite(off_m[k]) & (not leaves)
+        is_wall[k] = leaves and size_m[k, 0] > WIDE_M
     evidence[leaves_none] = 0
-    nearest = off_m.argmin(0)
+    nearest = np.where(is_wall[:, None] & leaves_none, np.inf, off_m).argmin(0)
     points, owners = [np.zeros((0, 2))], [np.zeros(0, np.int64)]
     for k in range(tracked):
         shared = (u >= sides_px[k, 0]) & (u < sides_px[k, 1]) & np.isfinite(off_m[k])
