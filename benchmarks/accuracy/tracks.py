@@ -144,7 +144,7 @@ def follow(drive: Path, order: Callable[[int], Iterable[int]] = range) -> Follow
 
 
 def given(drive: Path) -> list[Pair]:
-    """Return what the tracker makes of a drive's things as they are, measured with noise; all else is the pipeline's."""
+    """Return what the tracker makes of a drive's things, measured with noise; all else is the pipeline's."""
     source, truth, rng = open_source(drive), read_truth(drive), np.random.default_rng(3)
     pipeline, done = Pipeline(source.rig, Settings()), []
     tracker = Tracker(pipeline.rectification)

@@ -163,8 +163,8 @@ def test_features_of_what_is_fast_say_how_fast(kernels) -> None:
     """11 m/s from 8 m: over a tenth of a second, its disparity grows by 14 %."""
     flow = features((-11.0, 0.5), np.full(10, 8.0), 0.1, 0.0)
     box, range_m = np.array([[0.0, 0.0, 1240.0, 374.0]]), np.array([8.0])
-    v_mps, cov, known = kernels.feel(np.zeros(1, np.intp), *flow, 0.1, box, range_m, np.zeros(1), TWIN, T_CAR_VEHICLE)
-    assert known.all()
+    v_mps, cov, count = kernels.feel(np.zeros(1, np.intp), *flow, 0.1, box, range_m, np.zeros(1), TWIN, T_CAR_VEHICLE)
+    assert count == pytest.approx(10, abs=0.1)
     np.testing.assert_allclose(v_mps, [[-11.0, 0.5]], atol=0.06)
     assert (np.sqrt(cov[0, [0, 1], [0, 1]]) >= reference.FLOOR_MPS).all()
 
@@ -178,7 +178,7 @@ def test_features_along_a_long_thing_belong_to_it(kernels, long_m: float, known:
     found = kernels.feel(
         np.zeros(1, np.intp), *flow, 0.1, box, np.array([10.0]), np.array([long_m]), TWIN, T_CAR_VEHICLE
     )
-    assert found[2].tolist() == [known]
+    assert (found[2] > 0).tolist() == [known]
 
 
 @pytest.mark.parametrize("kernels", [compiled, reference])

@@ -546,6 +546,27 @@ def test_one_odd_look_does_not_stop_who_moves() -> None:
     assert set(motions) == {"moving"}
 
 
+@pytest.mark.parametrize(("features", "moves"), [(40, True), (5, False)])
+def test_many_features_win_over_looks(features: int, moves: bool) -> None:
+    """A lorry that looks like a wall drives on; of five features, some may have slid along a rail."""
+    world, tracker, rng = (
+        World([Thing((16.0, 0.0), (6.0, 0.0), size=(2.5, 3.0))]),
+        Tracker(RECTIFICATION, MOUNT),
+        RNG(4),
+    )
+    for t_s in np.arange(12) / 10:
+        (wall,), ego = world.seen(t_s), world.ego(t_s - 0.1, t_s) if t_s else None
+        if ego is not None:
+            u0, v0, u1, v1 = wall.box_px
+            spread = rng.uniform([u0, v0, 0.95], [u1, v1, 1.0], (features, 3)) * [1, 1, wall.uvd_px[2]]
+            before = triangulate(RECTIFICATION, spread) - inverse(MOUNT)[:3, :3] @ [6.0, 0.0, 0.0] * 0.1
+            flow = flow_of(np.zeros(3), spread, 0.1, rng)
+            flow.off_px[:] += spread - image_from_car(RECTIFICATION, before)
+            ego = replace(ego, flow=flow)
+        (found,) = tracker.update([replace(wall, class_odds={"wall": 1.0})], ns(t_s), ego)
+    assert found.track.motion == ("moving" if moves else "unknown")
+
+
 def test_features_of_what_is_behind_a_pole_do_not_make_it_fast() -> None:
     """Four of six, followed from the wall behind it onto its edge, seem to come at 36 m/s."""
     world, tracker, rng = World([Thing((24.0, -4.0), size=(0.3, 3.0))]), Tracker(RECTIFICATION, MOUNT), RNG(4)

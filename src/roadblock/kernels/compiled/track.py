@@ -288,7 +288,7 @@ def feel(
     long_m: Floats,
     twin: Floats,
     T_car_vehicle: Floats,
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+) -> tuple[Floats, Floats, Floats]:
     """See `reference.track.feel`."""
     n, count = len(rows), len(uvd)
     f, cx, cy, baseline_m = twin
@@ -319,7 +319,7 @@ def feel(
             for i in range(3):
                 for j in range(3):
                     c[p, k] += off[i] * W[i, j] * off[j]
-    v_mps, cov, known = np.empty((n, 2)), np.empty((n, 2, 2)), np.empty(n, np.bool_)
+    v_mps, cov, count_of = np.empty((n, 2)), np.empty((n, 2, 2)), np.empty(n)
     mine, trust = np.empty(count, np.int64), np.empty(count)
     for o in range(n):
         m, p, r = 0, 0, rows[o]
@@ -357,8 +357,8 @@ def feel(
             for j in range(2):
                 cov[o, i, j] += step_mps * T_car_vehicle[2, i] * step_mps * T_car_vehicle[2, j]
         share = FAST_SHARE if vx * vx + vy * vy > FAST_MPS**2 else LEAST_SHARE
-        known[o] = counted >= LEAST and counted >= share * m
-    return v_mps, cov, known
+        count_of[o] = counted if counted >= LEAST and counted >= share * m else 0.0
+    return v_mps, cov, count_of
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

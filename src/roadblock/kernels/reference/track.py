@@ -243,7 +243,7 @@ def feel(
     long_m: Floats,
     twin: Floats,
     T_car_vehicle: Floats,
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+) -> tuple[Floats, Floats, Floats]:
     """Return what features say about the velocities over ground of obstacles, by robust least squares.
 
     An outline that comes and goes cannot fake these. A feature is linearised halfway between where it is and where it
@@ -262,7 +262,7 @@ def feel(
 
     Returns
     -------
-    (n, 2) along the vehicle's x and y, m/s; (n, 2, 2) covariance; (n,) whether there were features enough.
+    (n, 2) along the vehicle's x and y, m/s; (n, 2, 2) covariance; (n,) how many features say so, 0 if they are too few.
     """
     f, cx, cy, baseline_m = twin
     boxes, range_m, long_m = boxes[rows], range_m[rows], long_m[rows]
@@ -301,7 +301,8 @@ def feel(
     ahead_mps = (STEP_PX / dt_s * range_m**2 / (f * baseline_m))[:, None] * T_car_vehicle[2, :2]
     cov = np.linalg.inv(normal) + FLOOR_MPS**2 * np.eye(2) + ahead_mps[:, :, None] * ahead_mps[:, None, :]
     share = np.where(np.hypot(*v_mps.T) > FAST_MPS, FAST_SHARE, LEAST_SHARE)
-    return v_mps, cov, (counted >= LEAST) & (counted >= share * inside.sum(1))
+    enough = (counted >= LEAST) & (counted >= share * inside.sum(1))
+    return v_mps, cov, np.where(enough, counted, 0.0)
 
 
 def correct_velocity(

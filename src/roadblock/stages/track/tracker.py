@@ -60,6 +60,8 @@ EGO_KNOWN_S = 1.0
 """So long the vehicle's motion is taken to go on."""
 EGO_MPS2, EGO_RADPS2 = 3.0, 0.3
 """By about how much it changes meanwhile."""
+MANY = 12.0
+"""What so many features say to move is not of a type that stands, whatever it looks like."""
 CALM_S = 0.3
 """In this time, features that say what was expected let the noise of a velocity shrink to 1/e."""
 RELATIVE_NOISE, STILL_NOISE = 4.0, 0.2
@@ -349,7 +351,7 @@ class Tracker:
         if not len(rows) or not len(flow.uvd_px):
             return
         b, o = self._bank, self.optics
-        v_mps, cov, known = feel(
+        v_mps, cov, count = feel(
             rows,
             flow.uvd_px,
             flow.off_px,
@@ -362,9 +364,11 @@ class Tracker:
             o.T_car_vehicle,
         )
         cov += self._twist_cov[3:5, 3:5]
+        known = count > 0
         correct_velocity(rows, b.x, b.P, b.against, b.calm, v_mps, cov, known, math.exp(-dt_s / CALM_S))
-        felt = rows[known & (deviation(v_mps, cov) > SURE)]
-        b.slid[felt], b.moved_ns[felt] = False, self._t_ns
+        moves = known & (deviation(v_mps, cov) > SURE)
+        b.slid[rows[moves]], b.moved_ns[rows[moves]] = False, self._t_ns
+        b.fixed[rows[moves & (count >= MANY)]] = 0.0
 
     def _merged(self, rows: Indices, seen: Seen, expected: _Expected) -> NDArray[np.bool_]:
         """Return (n,) which tracks are not measured because they are part of something that is, at their distance."""
