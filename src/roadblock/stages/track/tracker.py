@@ -23,7 +23,7 @@ from roadblock.kernels.compiled.track import (
 from roadblock.kernels.reference.track import FAR, SIZE, TINY
 from roadblock.stages.track.associate import assign, covered
 from roadblock.stages.track.bank import CONFIRMED, Bank, Seen, see
-from roadblock.stages.track.describe import MOVED_S, SURE, WELL_KNOWN, describe, moved_obstacle
+from roadblock.stages.track.describe import FIXED_BY_NATURE, MOVED_S, SURE, WELL_KNOWN, describe, moved_obstacle
 from roadblock.stages.track.optics import Optics
 from roadblock.stages.track.settings import TrackSettings
 from roadblock.stages.track.traces import Traces
@@ -368,7 +368,7 @@ class Tracker:
         correct_velocity(rows, b.x, b.P, b.against, b.calm, v_mps, cov, known, math.exp(-dt_s / CALM_S))
         moves = known & (deviation(v_mps, cov) > SURE)
         b.slid[rows[moves]], b.moved_ns[rows[moves]] = False, self._t_ns
-        b.fixed[rows[moves & (count >= MANY)]] = 0.0
+        b.fixed[rows[moves & (count >= MANY) & (b.fixed[rows] > FIXED_BY_NATURE)]] = 0.0
 
     def _merged(self, rows: Indices, seen: Seen, expected: _Expected) -> NDArray[np.bool_]:
         """Return (n,) which tracks are not measured because they are part of something that is, at their distance."""
