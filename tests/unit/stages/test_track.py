@@ -531,9 +531,8 @@ def test_what_stands_by_nature_does_not_move(odds: dict[str, float], moves: bool
     world = World([Thing((30.0, -2.0), (-3.0, 0.5))])
     frames = drive(world, np.arange(12) / 10, seen=lambda t: [replace(o, class_odds=odds) for o in world.seen(t)])
     track = frames[-1][1][0].track
-    assert track.motion == ("moving" if moves else "unknown")
+    assert track.motion == ("moving" if moves else "standing")
     assert (abs(track.velocity_mps[0]) > 1) == moves
-    assert moves or track.velocity_sigma_mps[0] > 2
 
 
 def test_one_odd_look_does_not_stop_who_moves() -> None:
@@ -564,7 +563,7 @@ def test_many_features_win_over_looks(features: int, moves: bool) -> None:
             flow.off_px[:] += spread - image_from_car(RECTIFICATION, before)
             ego = replace(ego, flow=flow)
         (found,) = tracker.update([replace(wall, class_odds={"wall": 1.0})], ns(t_s), ego)
-    assert found.track.motion == ("moving" if moves else "unknown")
+    assert found.track.motion == ("moving" if moves else "standing")
 
 
 def test_features_of_what_is_behind_a_pole_do_not_make_it_fast() -> None:

@@ -45,13 +45,14 @@ def describe(
         unknown and velocities are relative.
     """
     x, P = bank.x.take(rows, axis=0), bank.P.take(rows, axis=0)
-    # What slid has the velocity of its outline, which is not its own, and pieces of rails and trees seem to move along
-    # them: both may as well stand.
-    slid = np.flatnonzero(bank.slid[rows] | (bank.fixed[rows] > FIXED_BY_NATURE))
+    # What slid has the velocity of its outline, which is not its own: it may as well stand.
+    slid = np.flatnonzero(bank.slid[rows])
     if len(slid):
         v = x[slid, 3:]
         P[slid, 3:, 3:] += v[:, :, None] * v[:, None, :]
         x[slid, 3:] = 0.0
+    # Pieces of rails and trees seem to move along them.
+    x[bank.fixed[rows] > FIXED_BY_NATURE, 3:] = 0.0
     over_ground = twist is not None
     if twist is None:
         twist, twist_cov = np.zeros(6), np.zeros((6, 6))
