@@ -9,8 +9,6 @@ from roadblock.errors import ValueRefusedError
 from roadblock.values.checks import FloatArray, numbers, rigid_transform
 
 MOTIONS = ("moving", "standing", "unknown")
-FIXED = ("railing", "pole", "fork", "wall", "vegetation", "debris")
-"""Types that stand by nature; all others may move."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -523,6 +523,7 @@ def test_what_moves_leaves_its_place(what: str, u_px: float, near_m: float, is_b
         ({}, True),
         ({"person": 0.6, "railing": 0.4}, True),
         ({"railing": 0.45, "fork": 0.25, "person": 0.3}, False),
+        ({"vegetation": 0.9, "wall": 0.1}, True),
         ({"tram": 1.0}, True),
     ],
 )
@@ -547,7 +548,7 @@ def test_one_odd_look_does_not_stop_who_moves() -> None:
 
 @pytest.mark.parametrize(("features", "moves"), [(40, True), (5, False)])
 def test_many_features_win_over_looks(features: int, moves: bool) -> None:
-    """A lorry that looks like a wall drives on; of five features, some may have slid along a rail."""
+    """A lorry that looks like a railing drives on; of five features, some may have slid along a rail."""
     world, tracker, rng = (
         World([Thing((16.0, 0.0), (6.0, 0.0), size=(2.5, 3.0))]),
         Tracker(RECTIFICATION, MOUNT),
@@ -562,7 +563,7 @@ def test_many_features_win_over_looks(features: int, moves: bool) -> None:
             flow = flow_of(np.zeros(3), spread, 0.1, rng)
             flow.off_px[:] += spread - image_from_car(RECTIFICATION, before)
             ego = replace(ego, flow=flow)
-        (found,) = tracker.update([replace(wall, class_odds={"wall": 1.0})], ns(t_s), ego)
+        (found,) = tracker.update([replace(wall, class_odds={"railing": 1.0})], ns(t_s), ego)
     assert found.track.motion == ("moving" if moves else "standing")
 
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from roadblock.kernels.compiled.judge import judge_types
 from roadblock.kernels.reference.recognize import INPUTS
 from roadblock.values.checks import FloatArray
-from roadblock.values.motion import FIXED
 
 UNKNOWN = "unknown"
 CLASSES = (
@@ -30,8 +29,9 @@ CLASSES = (
     UNKNOWN,
 )
 """What the model tells apart; a bicycle may be ridden, a truck may be a bus, a car may be a van."""
+MOVING = ("person", "bicycle", "car", "truck", UNKNOWN)
 STANDS_STILL = 0.02
-"""So often what is fixed by nature seems to move."""
+"""So often something else than `MOVING` seems to move."""
 MODEL = Path(__file__).parent / "model.json"
 
 
@@ -87,7 +87,7 @@ def shipped_model() -> TypeModel:
 
 def moving_odds(odds: Mapping[str, float]) -> dict[str, float]:
     """Return how probable each class is of what is seen to move: what stands still by nature hardly does."""
-    weighed = {name: odds[name] * (STANDS_STILL if name in FIXED else 1.0) for name in odds}
+    weighed = {name: odds[name] * (1.0 if name in MOVING else STANDS_STILL) for name in odds}
     total = sum(weighed.values())
     return {name: weight / total for name, weight in weighed.items()}
 

@@ -10,17 +10,18 @@ from numpy.typing import NDArray
 
 from roadblock.kernels.compiled.track import roughen
 from roadblock.values.checks import FloatArray
-from roadblock.values.motion import FIXED
 from roadblock.values.scene import Obstacle
 
 KEPT = 10
 """Frames that are remembered."""
 LEAST_M = np.array([0.05, 0.05, 0.0])
 """Widths, heights and lengths are at least this, unknown ones too."""
+FIXED = ("railing", "pole", "fork")
+"""Thin things that stand by nature; a car in real pictures is often said to be a wall or a plant, but none of these."""
 NONE = (0.0,) * len(FIXED)
 """What types have that are not among those known."""
 FIXED_SHARE = 0.3
-"""How fast a track learns whether it is of a type that stands by nature."""
+"""How fast a track learns whether it is one of these."""
 
 
 class Seen(NamedTuple):
@@ -41,7 +42,7 @@ class Seen(NamedTuple):
     range_m, long_m
         (m,) how far and how long; 0 where the length is unknown.
     fixed
-        (m,) how probable it is of a type that stands by nature; 0 where no type is known.
+        (m,) how probable it is of a type in `FIXED`; 0 where no type is known.
     """
 
     obstacles: NDArray[Any]

@@ -51,7 +51,7 @@ def describe(
         v = x[slid, 3:]
         P[slid, 3:, 3:] += v[:, :, None] * v[:, None, :]
         x[slid, 3:] = 0.0
-    # Pieces of rails and trees seem to move along them.
+    # Pieces of rails seem to move along them, and features of what is behind a pole stick to it.
     x[bank.fixed[rows] > FIXED_BY_NATURE, 3:] = 0.0
     over_ground = twist is not None
     if twist is None:

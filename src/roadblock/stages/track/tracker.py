@@ -60,7 +60,7 @@ EGO_KNOWN_S = 1.0
 """So long the vehicle's motion is taken to go on."""
 EGO_MPS2, EGO_RADPS2 = 3.0, 0.3
 """By about how much it changes meanwhile."""
-MANY = 12.0
+MANY = 8.0
 """What so many features say to move is not of a type that stands, whatever it looks like."""
 CALM_S = 0.3
 """In this time, features that say what was expected let the noise of a velocity shrink to 1/e."""
