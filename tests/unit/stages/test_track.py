@@ -533,6 +533,7 @@ def test_what_stands_by_nature_does_not_move(odds: dict[str, float], moves: bool
     frames = drive(world, np.arange(12) / 10, seen=lambda t: [replace(o, class_odds=odds) for o in world.seen(t)])
     track = frames[-1][1][0].track
     assert track.motion == ("moving" if moves else "standing")
+    assert frames[2][1][0].track.motion == ("unknown" if moves else "standing")
     assert (abs(track.velocity_mps[0]) > 1) == moves
 
 

@@ -22,7 +22,7 @@ WELL_KNOWN = 4
 """What was measured less often, neither moves nor stands, nor coasts: two pieces of one thing may look like a fast one.
 """
 FIXED_BY_NATURE = 0.5
-"""What is more probably of a type that stands, does not move."""
+"""What is more probably of a type that stands does so, however seldom it was measured."""
 MOVED_S = 0.5
 """Who has left where he was is believed to move for so long."""
 
@@ -52,7 +52,8 @@ def describe(
         P[slid, 3:, 3:] += v[:, :, None] * v[:, None, :]
         x[slid, 3:] = 0.0
     # Pieces of rails seem to move along them, and features of what is behind a pole stick to it.
-    x[bank.fixed[rows] > FIXED_BY_NATURE, 3:] = 0.0
+    fixed = bank.fixed[rows] > FIXED_BY_NATURE
+    x[fixed, 3:] = 0.0
     over_ground = twist is not None
     if twist is None:
         twist, twist_cov = np.zeros(6), np.zeros((6, 6))
@@ -64,6 +65,7 @@ def describe(
     sigma_mps = np.sqrt(np.maximum(P[:, 3, 3], P[:, 4, 4]))
     stands = is_known & (speed <= SLOW_MPS) & (speed + sigma_mps <= MOST_MPS)
     stands &= ~has_moved | (off <= STILL)
+    stands |= over_ground & fixed
     return [
         Track.known(
             id=number,
