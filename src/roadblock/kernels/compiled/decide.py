@@ -281,7 +281,7 @@ def contact(
         mine = 0.0 if moves and is_strict else doubt[k]
         passed = min(ttc + ((car[0] + car[1]) / closing if moves else 0.0), AHEAD_S)
         low, high = _swept(way, length_m, at_m[k, 0] + vx * ttc, car)
-        needed, last = _needed_mps2(gap_m, speed_mps, vx, car)
+        needed, last = needed_mps2(gap_m, speed_mps, vx, car)
         if last >= YOUNG_DOUBT * car[3]:
             vy = likely_mps[k]
         elif mine > 0:
@@ -328,8 +328,8 @@ def _swept(way: Floats, length_m: float, x_m: float, car: Floats) -> tuple[float
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _needed_mps2(gap_m: float, speed_mps: float, ahead_mps: float, car: Floats) -> tuple[float, float]:
-    """Return how hard to brake for something, and how hard to come as near as may be."""
+def needed_mps2(gap_m: float, speed_mps: float, ahead_mps: float, car: Floats) -> tuple[float, float]:
+    """See `reference.decide.needed_mps2`; of one thing."""
     brake_mps2, brake_share, stop_m, delay_s = car[3], car[4], car[5], car[6]
     closing = speed_mps - ahead_mps
     left_m = gap_m - delay_s * closing

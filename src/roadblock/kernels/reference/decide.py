@@ -313,7 +313,7 @@ def contact(
     aside = velocity_mps[:, 1]
     slower = np.sign(aside) * np.maximum(np.abs(aside) - sigma_mps[:, 1], 0)
     # As long as there is time to learn more: at the last moment it is taken to go on as it most likely does.
-    needed, last = _needed_mps2(gap_m, speed_mps, velocity_mps[:, 0], car)
+    needed, last = needed_mps2(gap_m, speed_mps, velocity_mps[:, 0], car)
     aside = np.where(last >= YOUNG_DOUBT * car[3], likely_mps, np.where(doubt > 0, slower, aside))
     one, other = (at_m[:, 1] + aside * np.where(arrives, t, 0.0) for t in (ttc, passed))
     mistaken_m = np.minimum(WARY_M + sigma_mps[:, 1] * first, MOST_WARY_M)
@@ -327,7 +327,7 @@ def contact(
     return index, float(ttc[index]), float(needed[of].max()), bool(counts.any())
 
 
-def _needed_mps2(gap_m: Floats, speed_mps: float, ahead_mps: Floats, car: Floats) -> tuple[Floats, Floats]:
+def needed_mps2(gap_m: Floats, speed_mps: float, ahead_mps: Floats, car: Floats) -> tuple[Floats, Floats]:
     """Return (n,) how hard to brake to stay `stop_m` behind each, or as near as may be where that is too late.
 
     And (n,) to come as near as may be anyway. What drives on ahead may at any moment brake as hard as the car can.

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from roadblock.kernels.compiled.decide import among, swept
-from roadblock.kernels.reference.decide import CELL_M, LEAST_ROOM_M, STANDS_THERE
+from roadblock.kernels.compiled.decide import among, needed_mps2, swept
+from roadblock.kernels.reference.decide import CELL_M, STANDS_THERE
 from roadblock.stages.decide.contact import Contact, find_contact
 from roadblock.stages.decide.hazards import Hazards, Layout
 from roadblock.stages.decide.memory import Memory, OwnMotion, turned
@@ -227,8 +227,11 @@ class Decider:
             self._bends_ns = t_ns + round(1e9 * BEND_S)
         bends = t_ns <= self._bends_ns
         early = found.ttc_s < s.swerve_s and not bends
-        needed_mps2 = self._stopping_mps2(found.ttc_s) if bends else found.needed_mps2
-        urgent = needed_mps2 >= s.brake_share * s.brake_mps2
+        needed = found.needed_mps2
+        if bends:
+            speed_mps = self._own.speed_mps
+            _, needed = needed_mps2(found.ttc_s * speed_mps, speed_mps, 0.0, s.numbers)
+        urgent = needed >= s.brake_share * s.brake_mps2
         if confirmed and (early or self._brakes) and self._can_pass(hazards, found.at):
             way = self._way_round(self._in_road(hazards), free, hazards.at_m[found.at, 0] + BEHIND_M)
             if way is not None:
@@ -247,11 +250,6 @@ class Decider:
             doubt = "" if confirmed else "; not sure enough to act"
             return Decision("warn", told + doubt, found.ttc_s, found.sigma_s, obstacle_id=number)
         return Decision("none", told, found.ttc_s, found.sigma_s, obstacle_id=number)
-
-    def _stopping_mps2(self, ttc_s: float) -> float:
-        """Return how hard to brake to come as near as may be to what stands."""
-        speed_mps = self._own.speed_mps
-        return speed_mps**2 / (2 * max((ttc_s - self.settings.delay_s) * speed_mps - LEAST_ROOM_M, 1e-3))
 
     def _can_pass(self, hazards: Hazards, index: int) -> bool:
         """Return whether what is in the way stands, or goes along before the car, for sure, on a straight road."""

@@ -189,10 +189,10 @@ class Layout:
             for next_m in side_m:
                 joined = abs(next_m - last_m) < JOINED_SHARE * last_m
                 last_m, missed = (next_m, 0) if joined else (last_m, missed + 1)
-                if missed == GAP or last_m < ALONG_SHARE * there_m:
+                if last_m < ALONG_SHARE * there_m:
+                    return True
+                if missed == GAP:
                     break
-            if last_m < ALONG_SHARE * there_m:
-                return True
         return False
 
     def is_seen_free(self, at_m: FloatArray, free: FreeSpace) -> NDArray[np.bool_]:

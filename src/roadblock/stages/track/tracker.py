@@ -367,8 +367,9 @@ class Tracker:
         known = count > 0
         correct_velocity(rows, b.x, b.P, b.against, b.calm, v_mps, cov, known, math.exp(-dt_s / CALM_S))
         moves = known & (deviation(v_mps, cov) > SURE)
-        b.slid[rows[moves]], b.moved_ns[rows[moves]] = False, self._t_ns
-        b.fixed[rows[moves & (count >= MANY) & (b.fixed[rows] > FIXED_BY_NATURE)]] = 0.0
+        felt, sure = rows[moves], rows[moves & (count >= MANY)]
+        b.slid[felt], b.moved_ns[felt] = False, self._t_ns
+        b.fixed[sure[b.fixed[sure] > FIXED_BY_NATURE]] = 0.0
 
     def _merged(self, rows: Indices, seen: Seen, expected: _Expected) -> NDArray[np.bool_]:
         """Return (n,) which tracks are not measured because they are part of something that is, at their distance."""
