@@ -98,8 +98,8 @@ def test_a_sequence_becomes_a_video_of_its_own_times(roadblock, sequence: Path) 
     av = pytest.importorskip("av")
     ran = roadblock("detect", sequence, "--out", "results", "--overlay")
     assert (ran.code, ran.err) == (0, "")
-    assert "in the last frame" in ran.out
-    assert {row[0] for row in table(ran.out)} == {"000003"}
+    assert "in the last frame, 000003" in ran.out
+    assert table(ran.out)
     assert [r["t_ns"] for r in read_results(Path("results/obstacles.jsonl"))] == [0, 10**8, 2 * 10**8, 3 * 10**8]
     assert not Path("results/overlay").exists()
     with av.open("results/overlay.mp4") as video:

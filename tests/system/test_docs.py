@@ -59,6 +59,11 @@ def test_the_pages_are_there() -> None:
     assert sum(len(commands(page)) for page in PAGES) >= 4
 
 
+def test_the_front_page_leads_to_every_page() -> None:
+    linked = re.findall(r"\]\(([\w/.-]+\.md)\)", (ROOT / "README.md").read_text("utf-8"))
+    assert set(linked) >= {page.relative_to(ROOT).as_posix() for page in PAGES if page.parent == ROOT / "docs"}
+
+
 @pytest.mark.parametrize("page", with_blocks("python"), ids=lambda page: page.name)
 def test_python_blocks_run(page: Path, shown: Path) -> None:
     names: dict[str, object] = {"__name__": page.stem}

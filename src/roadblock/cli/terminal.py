@@ -55,10 +55,18 @@ def progress_bar(*columns: TextColumn) -> Progress:
 
 
 def show_table(title: str, columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """Print a table; a column whose name starts with `>` is aligned to the right."""
-    table = Table(title=Text(_safe(title)), title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False)
+    """Print a table; a column whose name starts with `>` is aligned to the right and never broken."""
+    table = Table(
+        title=Text(_safe(title)),
+        title_justify="left",
+        header_style="bold",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
+    )
     for column in columns:
-        table.add_column(column.lstrip(">"), justify="right" if column.startswith(">") else "left")
+        is_right = column.startswith(">")
+        table.add_column(column.lstrip(">"), justify="right" if is_right else "left", no_wrap=is_right)
     for row in rows:
         table.add_row(*(Text(_safe(cell)) for cell in row))
     out.print(table)
@@ -67,16 +75,21 @@ def show_table(title: str, columns: Iterable[str], rows: Iterable[Iterable[str]]
 def show_nearest(title: str, found: Iterable[tuple[str, Obstacle]]) -> None:
     """Print the nearest obstacles of (frame name, obstacle) pairs."""
     nearest = sorted(found, key=lambda pair: pair[1].range_m)[:NEAREST]
-    columns = ["frame", "what", ">range (m)", ">side (m)", ">width x height (m)"]
-    rows = [[name, *_describe(obstacle)] for name, obstacle in nearest]
+    columns = ["what", ">range (m)", ">side (m)", ">width x\nheight (m)"]
+    rows = [_describe(obstacle) for _, obstacle in nearest]
     if any(math.isfinite(obstacle.range_sigma_calib_m) for _, obstacle in nearest):
-        columns.insert(3, ">calibration (m)")
+        columns.insert(2, ">calibra-\ntion (m)")
         for row, (_, obstacle) in zip(rows, nearest, strict=True):
-            row.insert(3, f"± {obstacle.range_sigma_calib_m:.2f}")
+            row.insert(2, f"± {obstacle.range_sigma_calib_m:.2f}")
     if any(obstacle.track is not None for _, obstacle in nearest):
-        columns += [">track", ">speed (m/s)", ">contact (s)"]
+        columns += [">track", ">speed\n(m/s)", ">TTC (s)"]
         for row, (_, obstacle) in zip(rows, nearest, strict=True):
             row += _moves(obstacle.track)
+    if len(names := {name for name, _ in nearest}) == 1:
+        title += f", {names.pop()}"
+    else:
+        columns.insert(0, "frame")
+        rows = [[name, *row] for (name, _), row in zip(nearest, rows, strict=True)]
     show_table(title, columns, rows)
 
 

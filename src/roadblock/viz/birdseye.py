@@ -87,7 +87,9 @@ def draw_birds_eye(
     _draw_cameras(picture, plot, text_px)
     if not all(inside):
         note = f"+{inside.count(False)} outside"
-        draw_text(picture, note, (width - text_width(note, text_px) - text_px // 2, 3 * text_px // 2), text_px, MUTED)
+        left = width - text_width(note, text_px) - text_px // 2
+        cv2.rectangle(picture, (left - text_px // 2, 0), (width, 2 * text_px - 1), PANEL, cv2.FILLED)
+        draw_text(picture, note, (left, 3 * text_px // 2), text_px, MUTED)
     return picture
 
 

@@ -20,8 +20,10 @@ Rect = tuple[int, int, int, int]
 
 SUBPIXEL_BITS = 4
 ROAD_ALPHA, OBSTACLE_ALPHA = 0.30, 0.30
-SOON_S = 5.0
-"""Times to contact below this are written down."""
+SOON_S, BESIDE_M = 5.0, 2.0
+"""Times to contact below this are written down, of what is not farther aside by then."""
+MOST_HIDDEN = 0.1
+"""Of a box, by the label of what is not nearer."""
 STRETCH_PERCENT = (0.5, 99.5)
 
 
@@ -204,15 +206,16 @@ def label_texts(obstacle: Obstacle) -> tuple[str, str]:
     """Return the label in full ("red obstacle 12.3 ± 0.2 m") and in short ("12.3 ± 0.2 m"), with number and speed."""
     short = measure_text(obstacle.range_m, obstacle.range_sigma_m)
     if obstacle.track is not None:
-        short = f"#{obstacle.track.id} {short}{_speed_text(obstacle.track)}"
+        short = f"#{obstacle.track.id} {short}{_speed_text(obstacle, obstacle.track)}"
     kind = obstacle.label if obstacle.label != "unknown" else "obstacle"
     return " ".join(filter(None, (obstacle.color, kind, short))), short
 
 
-def _speed_text(track: Track) -> str:
+def _speed_text(obstacle: Obstacle, track: Track) -> str:
     """Return the speed of what moves, and the time to contact where it is short."""
     text = f", {np.hypot(*track.velocity_mps):.1f} m/s" if track.motion == "moving" else ""
-    return text + (f", in {track.ttc_s:.1f} s" if track.ttc_s < SOON_S else "")
+    aside_m = abs(obstacle.position_m[1] + track.ttc_s * track.velocity_mps[1]) - np.nan_to_num(obstacle.size_m[0]) / 2
+    return text + (f", in {track.ttc_s:.1f} s" if track.ttc_s < SOON_S and aside_m < BESIDE_M else "")
 
 
 def place_labels(
@@ -220,8 +223,8 @@ def place_labels(
 ) -> list[tuple[str, Rect, Color]]:
     """Return the labels that fit, none over another: the nearest obstacles choose first.
 
-    Each takes the first place over, under or inside its box, in full or in short, that hides no nearer obstacle, else
-    the first that hides no other label; one that finds none is left out.
+    Each takes the first place over, under or inside its box, in full or in short, that hides nothing of nearer
+    obstacles, else the first that hides little of each of them and of its own; one that finds none is left out.
 
     Parameters
     ----------
@@ -244,8 +247,9 @@ def place_labels(
         box = view_box(obstacle, scale, size_px)
         labels = [rect for _, rect, _ in placed]
         spots = [(text, rect) for text in label_texts(obstacle) for rect in _spots(text, box, text_px, size_px)]
-        free = [(text, rect) for text, rect in spots if not _overlaps(rect, labels)]
-        best = [spot for spot in free if not _overlaps(spot[1], nearer)] or free
+        free = [spot for spot in spots if not _overlaps(spot[1], labels)]
+        good = [spot for spot in free if max(_hidden(spot[1], other) for other in (*nearer, box)) <= MOST_HIDDEN]
+        best = [spot for spot in good if not _overlaps(spot[1], nearer)] or good
         placed += [(*spot, range_color(obstacle.range_m)) for spot in best[:1]]
         nearer.append(box)
     return placed
@@ -259,6 +263,12 @@ def _spots(text: str, box: Rect, text_px: int, size_px: tuple[int, int]) -> list
     rects = [(left, top, left + width, top + height) for top in tops for left in lefts]
     rects = [(u + s, v, w + s, x) for u, v, w, x in rects for s in (max(0, -u) + min(0, size_px[0] - w),)]
     return [r for r in rects if r[0] >= 0 and r[1] >= 0 and r[2] <= size_px[0] and r[3] <= size_px[1]]
+
+
+def _hidden(label: Rect, box: Rect) -> float:
+    """Return the share of a box that a label hides."""
+    width, height = (min(label[i + 2], box[i + 2]) - max(label[i], box[i]) for i in (0, 1))
+    return max(width, 0) * max(height, 0) / ((box[2] - box[0]) * (box[3] - box[1]))
 
 
 def _overlaps(a: Rect, others: list[Rect]) -> bool:

@@ -9,6 +9,7 @@ from roadblock.values.motion import Track
 from roadblock.values.scene import FreeSpace, GroundPlane, Obstacle, RoadEdges, Stixels
 from roadblock.viz.camera_view import (
     OBSTACLE_ALPHA,
+    _hidden,
     _overlaps,
     draw_camera_view,
     label_texts,
@@ -183,7 +184,9 @@ def test_label_of_a_track_has_its_number_and_what_is_urgent(rig):
     obstacle = obstacle_at(rig, 0, 10.0)
     assert label_texts(tracked(obstacle, "standing", np.nan))[1] == "#12 10.0 ± 0.2 m"
     assert label_texts(tracked(obstacle, "moving", 8.0))[1] == "#12 10.0 ± 0.2 m, 5.0 m/s"
-    assert label_texts(tracked(obstacle, "moving", 1.234))[0] == "red obstacle #12 10.0 ± 0.2 m, 5.0 m/s, in 1.2 s"
+    assert label_texts(tracked(obstacle, "moving", 1.234))[1] == "#12 10.0 ± 0.2 m, 5.0 m/s"  # 4.9 m aside by then
+    ahead = obstacle_at(rig, -5.0, 11.0)
+    assert label_texts(tracked(ahead, "moving", 1.234))[0] == "red obstacle #12 11.0 ± 0.2 m, 5.0 m/s, in 1.2 s"
 
 
 @pytest.mark.parametrize("size", [(320, 240), (641, 363), (1920, 1080)])
@@ -199,6 +202,18 @@ def test_labels_of_a_crowd_never_overlap_nor_leave_the_picture(size):
         assert 0 <= rect[0] < rect[2] <= size[0]
         assert 0 <= rect[1] < rect[3] <= size[1]
         assert not _overlaps(rect, [other for _, other, _ in labels[:index]])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_label_hides_much_of_its_own_or_a_nearer_box(rig, seed):
+    random, size = np.random.default_rng(seed), (641, 363)
+    crowd = [obstacle_at(rig, x, z) for x, z in zip(random.uniform(-6, 6, 30), random.uniform(10, 40, 30), strict=True)]
+    labels = place_labels(tuple(crowd), 1.0, 13, size)
+    assert len(labels) >= 4
+    boxes = {range_color(o.range_m): (o.range_m, view_box(o, 1.0, size)) for o in crowd}
+    for _, rect, color in labels:
+        mine_m, _ = boxes[color]
+        assert all(_hidden(rect, box) <= 0.1 for range_m, box in boxes.values() if range_m <= mine_m)
 
 
 def test_the_nearest_is_labelled_in_full_whatever_the_order(rig):
