@@ -78,7 +78,7 @@ def show_nearest(title: str, found: Iterable[tuple[str, Obstacle]]) -> None:
     columns = ["what", ">range (m)", ">side (m)", ">width x\nheight (m)"]
     rows = [_describe(obstacle) for _, obstacle in nearest]
     if any(math.isfinite(obstacle.range_sigma_calib_m) for _, obstacle in nearest):
-        columns.insert(2, ">calibra-\ntion (m)")
+        columns.insert(2, ">calibration\n(m)")
         for row, (_, obstacle) in zip(rows, nearest, strict=True):
             row.insert(2, f"± {obstacle.range_sigma_calib_m:.2f}")
     if any(obstacle.track is not None for _, obstacle in nearest):
