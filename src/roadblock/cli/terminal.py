@@ -55,7 +55,7 @@ def progress_bar(*columns: TextColumn) -> Progress:
 
 
 def show_table(title: str, columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """Print a table; a column whose name starts with `>` is aligned to the right and never broken."""
+    """Print a table; a column whose name starts with `>` is aligned to the right."""
     table = Table(
         title=Text(_safe(title)),
         title_justify="left",
@@ -65,8 +65,7 @@ def show_table(title: str, columns: Iterable[str], rows: Iterable[Iterable[str]]
         collapse_padding=True,
     )
     for column in columns:
-        is_right = column.startswith(">")
-        table.add_column(column.lstrip(">"), justify="right" if is_right else "left", no_wrap=is_right)
+        table.add_column(column.lstrip(">"), justify="right" if column.startswith(">") else "left")
     for row in rows:
         table.add_row(*(Text(_safe(cell)) for cell in row))
     out.print(table)

@@ -247,9 +247,9 @@ def place_labels(
         box = view_box(obstacle, scale, size_px)
         labels = [rect for _, rect, _ in placed]
         spots = [(text, rect) for text in label_texts(obstacle) for rect in _spots(text, box, text_px, size_px)]
-        free = [spot for spot in spots if not _overlaps(spot[1], labels)]
-        good = [spot for spot in free if max(_hidden(spot[1], other) for other in (*nearer, box)) <= MOST_HIDDEN]
-        best = [spot for spot in good if not _overlaps(spot[1], nearer)] or good
+        free = [spot for spot in spots if not _overlaps(spot[1], labels) and _hidden(spot[1], box) <= MOST_HIDDEN]
+        best = [spot for spot in free if not _overlaps(spot[1], nearer)]
+        best = best or [spot for spot in free if all(_hidden(spot[1], other) <= MOST_HIDDEN for other in nearer)]
         placed += [(*spot, range_color(obstacle.range_m)) for spot in best[:1]]
         nearer.append(box)
     return placed
